@@ -1,0 +1,127 @@
+"""`python -m dronekeypp VERB`: one verb a command. Exit status 0, or 2 with one line on stderr."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from .errors import InputError
+
+
+def _names(text):
+    return [part.strip() for part in text.split(",") if part.strip()]
+
+
+def _numbers(text):
+    return [int(part) for part in _names(text)]
+
+
+def _shard(text):
+    i, _, n = text.partition("/")
+    return int(i), int(n)
+
+
+def _generate(args):
+    from .sixdronesyn.generate import generate
+
+    manifest = generate(
+        args.out, args.scenes, args.drones, args.frames, args.size, args.stride, args.seed, args.environments, args.workers, args.shard
+    )
+    counts = ", ".join(f"{n} {split}" for split, n in manifest["frames"].items())
+    print(f"{args.out}: {sum(manifest['frames'].values())} of {manifest['planned_frames']} frames ({counts}), digest {manifest['digest']}")
+
+
+def _validate(args):
+    from .sixdronesyn.validate import validate
+
+    faults = validate(args.dataset, progress=True)
+    if faults:
+        for fault in faults[:-1]:
+            print(fault, file=sys.stderr)
+        raise InputError(faults[-1])
+    print(f"{args.dataset}: sound")
+
+
+def _train(args):
+    from .train import train
+
+    train(args.dataset, args.out, preset=args.preset, overrides=_overrides(args.set), resume=args.resume)
+
+
+def _overrides(pairs):
+    overrides = {}
+    for pair in pairs or ():
+        key, equals, value = pair.partition("=")
+        if not equals:
+            raise InputError(f"--set {pair}: write key=value")
+        overrides[key] = value
+    return overrides
+
+
+def _pretrain(args):
+    from .pretrain import pretrain
+
+    pretrain(args.dataset, args.out, epochs=args.epochs, overrides=_overrides(args.set), resume=args.resume)
+
+
+def _evaluate(args):
+    from .evaluate import evaluate_checkpoint
+
+    evaluate_checkpoint(args.checkpoint, args.dataset, split=args.split, json_file=args.json)
+
+
+def parser():
+    """The command line, for the entry point and for tests."""
+    top = argparse.ArgumentParser(prog="python -m dronekeypp", description="DroneKey++: generate the data, train, evaluate.")
+    verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
+
+    p = verbs.add_parser("generate", help="render 6DroneSyn, or a part of it; run it again to resume")
+    p.add_argument("out", type=Path)
+    p.add_argument("--scenes", type=_numbers, metavar="6,7", help="scene numbers, 1 to 13 (default: all)")
+    p.add_argument("--drones", type=_names, metavar="Mini2,Tello", help="drone names (default: all seven)")
+    p.add_argument("--frames", choices=("crop", "full"), default="crop", help="the square around the drone, or 1920×1080")
+    p.add_argument("--size", type=int, default=128, metavar="PX", help="side of a crop (default 128)")
+    p.add_argument("--stride", type=int, default=1, metavar="N", help="keep every N-th frame of each flight")
+    p.add_argument("--seed", type=int, default=0)
+    p.add_argument("--environments", type=Path, metavar="DIR", help="your own equirectangular images (default: 22 procedural ones)")
+    p.add_argument("--workers", type=int, default=1, metavar="N", help="processes")
+    p.add_argument("--shard", type=_shard, default=(0, 1), metavar="I/N", help="render only part I of N")
+    p.set_defaults(run=_generate)
+
+    p = verbs.add_parser("validate", help="prove a data set sound, or name each fault")
+    p.add_argument("dataset", type=Path)
+    p.set_defaults(run=_validate)
+
+    p = verbs.add_parser("pretrain", help="train a backbone on the training scenes, the stand-in for ImageNet weights")
+    p.add_argument("dataset", type=Path)
+    p.add_argument("--out", type=Path, required=True, metavar="FILE")
+    p.add_argument("--epochs", type=int, default=8)
+    p.add_argument("--set", action="append", metavar="key=value")
+    p.add_argument("--resume", action="store_true")
+    p.set_defaults(run=_pretrain)
+
+    p = verbs.add_parser("train", help="train DroneKey++")
+    p.add_argument("dataset", type=Path)
+    p.add_argument("--out", type=Path, required=True, metavar="RUN")
+    p.add_argument("--preset", default="cpu", help="cpu (default) or paper")
+    p.add_argument("--set", action="append", metavar="key=value", help="change one setting of the preset; repeat as you like")
+    p.add_argument("--resume", action="store_true", help="go on where RUN stopped")
+    p.set_defaults(run=_train)
+
+    p = verbs.add_parser("evaluate", help="measure a checkpoint: rotation, translation, class, keypoints")
+    p.add_argument("checkpoint", type=Path)
+    p.add_argument("dataset", type=Path)
+    p.add_argument("--split", default="test", choices=("train", "val", "test"))
+    p.add_argument("--json", type=Path, metavar="FILE", help="also write the rows there")
+    p.set_defaults(run=_evaluate)
+    return top
+
+
+def main(argv=None):
+    """Run one verb; returns the exit status."""
+    args = parser().parse_args(argv)
+    try:
+        args.run(args)
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    return 0

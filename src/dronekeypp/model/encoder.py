@@ -1,0 +1,124 @@
+"""The keypoint encoder (Sec. III-A, Eq. 1-5): tokens, self-attention, gated sum of the layers, [cls] classifier."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor, nn
+
+from dronekeypp.model.config import ModelConfig
+
+
+def sine_positions(side: int, width: int) -> Tensor:
+    """Fixed 2D positional encoding (side*side, width), row by row.
+
+    Half the channels encode the row and half the column, as sines and cosines of geometric wavelengths (Vaswani et al.
+    2017 in two dimensions). The paper only says "positional encoding".
+    """
+    quarter = width // 4
+    frequency = 1.0 / (100.0 ** (torch.arange(quarter) / quarter))  # (d/4,); grids are small, so 100 and not 10,000
+    angle = torch.arange(side)[:, None] * frequency  # (side, d/4)
+    wave = torch.cat([angle.sin(), angle.cos()], dim=1)  # (side, d/2)
+    rows = wave[:, None, :].expand(side, side, -1)
+    columns = wave[None, :, :].expand(side, side, -1)
+    return torch.cat([rows, columns], dim=2).reshape(side * side, width)
+
+
+class SelfAttention(nn.Module):
+    """Multi-head self-attention from matrix products. (B, T, d) -> (B, T, d), and the weights (B, heads, T, T)."""
+
+    def __init__(self, width: int, heads: int, dropout: float = 0.0):
+        super().__init__()
+        self.heads = heads
+        self.qkv = nn.Linear(width, 3 * width)  # Q, K and V stacked, as in nn.MultiheadAttention.in_proj
+        self.out = nn.Linear(width, width)
+        self.dropout = nn.Dropout(dropout)
+
+    def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        B, T, d = x.shape
+        q, k, v = self.qkv(x).view(B, T, 3, self.heads, d // self.heads).permute(2, 0, 3, 1, 4)  # each (B, h, T, d/h)
+        weights = torch.softmax(q @ k.transpose(-2, -1) / math.sqrt(d // self.heads), dim=-1)  # (B, h, T, T)
+        mixed = self.dropout(weights) @ v  # (B, h, T, d/h)
+        return self.out(mixed.transpose(1, 2).reshape(B, T, d)), weights
+
+
+class EncoderLayer(nn.Module):
+    """One layer of Eq. 1: self-attention, then a feed-forward part, each with a residual sum and a LayerNorm."""
+
+    def __init__(self, config: ModelConfig):
+        super().__init__()
+        self.pre = config.norm == "pre"
+        self.attention = SelfAttention(config.width, config.heads, config.dropout)
+        self.norm1 = nn.LayerNorm(config.width)
+        self.norm2 = nn.LayerNorm(config.width)
+        self.ffn = nn.Sequential(
+            nn.Linear(config.width, config.ffn),
+            nn.ReLU(),
+            nn.Dropout(config.dropout),
+            nn.Linear(config.ffn, config.width),
+        )
+        self.dropout = nn.Dropout(config.dropout)
+
+    def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        attended, weights = self.attention(self.norm1(x) if self.pre else x)
+        x = x + self.dropout(attended)
+        if not self.pre:
+            x = self.norm1(x)
+        x = x + self.dropout(self.ffn(self.norm2(x) if self.pre else x))
+        return (x if self.pre else self.norm2(x)), weights
+
+
+class KeypointEncoder(nn.Module):
+    """Feature map (B, C, s, s) -> keypoints (B, 4, 2) in crop units and class logits (B, classes).
+
+    Also returned, for a reader who wants to look inside: gate (B, N), ir (B, N, d), cr (B, N, 4, 2), attention:
+    N tensors (B, heads, 1+M, 1+M) with [cls] first.
+    """
+
+    def __init__(self, config: ModelConfig, channels: int):
+        super().__init__()
+        self.config = config
+        d, N = config.width, config.layers
+        self.tokenise = nn.Conv2d(channels, d, 1)  # one token per cell of the feature map
+        self.register_buffer("positions", sine_positions(config.image_size // config.stride, d), persistent=False)
+        self.cls = nn.Parameter(torch.zeros(1, 1, d))
+        self.blocks = nn.ModuleList(EncoderLayer(config) for _ in range(N))
+        self.to_keypoints = nn.Linear(d, 4 * 2)  # W of Eq. 2, one for all layers
+        self.to_gate = nn.Linear(d, N, bias=False) if config.gate == "learned" else None  # W_g of Eq. 3
+        self.to_class = nn.Linear(d, config.classes)  # W_cls of Eq. 5
+        nn.init.trunc_normal_(self.cls, std=0.02)
+        # Eq. 4 ends in a ReLU, whose gradient is zero below zero. Eq. 2 prints no bias; ours starts at the middle of
+        # the crop with small weights, so that every keypoint is positive, and therefore learns, from the first step.
+        nn.init.trunc_normal_(self.to_keypoints.weight, std=0.005)
+        nn.init.constant_(self.to_keypoints.bias, 0.5)
+
+    def gate(self, last_ir: Tensor) -> Tensor:
+        """Weights of the layers (B, N), each row summing to 1, from the last layer's IR (B, d). Eq. 3."""
+        B, N = len(last_ir), self.config.layers
+        if self.to_gate is not None:
+            return torch.softmax(self.to_gate(last_ir), dim=-1)
+        gate = last_ir.new_zeros(B, N)
+        if self.config.gate == "last":
+            gate[:, -1] = 1.0
+        else:
+            gate[:] = 1.0 / N
+        return gate
+
+    def forward(self, features: Tensor) -> dict[str, Tensor | list[Tensor]]:
+        tokens = self.tokenise(features).flatten(2).transpose(1, 2) + self.positions  # (B, M, d) = X^(0)
+        start = torch.cat([self.cls.expand(len(tokens), -1, -1), tokens], dim=1)  # (B, 1+M, d)
+        x, pooled, attention = start, [], []
+        for block in self.blocks:  # Eq. 1
+            x, weights = block(x if self.config.layer_input == "previous" else start)
+            image_tokens = x[:, 1:]  # the pool leaves [cls] out
+            pooled.append(image_tokens.amax(dim=1) if self.config.pool == "max" else image_tokens.mean(dim=1))
+            attention.append(weights)
+        ir = torch.stack(pooled, dim=1)  # (B, N, d)
+        cr = self.to_keypoints(ir).unflatten(-1, (4, 2))  # (B, N, 4, 2), Eq. 2
+        gate = self.gate(ir[:, -1])  # (B, N), Eq. 3
+        keypoints = torch.relu((gate[:, :, None, None] * cr).sum(dim=1))  # (B, 4, 2), Eq. 4
+        logits = self.to_class(x[:, 0])  # (B, classes), Eq. 5 before its softmax
+        return {
+            "keypoints": keypoints, "class_logits": logits, "gate": gate, "ir": ir, "cr": cr, "attention": attention,
+        }  # fmt: skip

@@ -1,0 +1,75 @@
+"""The five losses (Sec. III-C, Eq. 9-12) and the weight schedules of Table 6."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+from torch.nn.functional import cross_entropy, mse_loss
+
+from dronekeypp import rotations
+from dronekeypp.errors import InputError
+
+ENCODER_TERMS = ("L_2D", "L_cls")  # Eq. 9
+DECODER_TERMS = ("L_3D", "L_rot", "L_trans")  # Eq. 11
+TERMS = ENCODER_TERMS + DECODER_TERMS
+SCHEDULES = ("equal", "tanh", "shifted", "biased")
+
+
+def circular_loss(predicted: Tensor, true: Tensor) -> Tensor:
+    """Eq. 10: mean squared distance of normalised angles (B, 3) in turns, the short way round (0 and 1 are one point)."""
+    apart = (predicted - true).abs()
+    return torch.minimum(apart, 1 - apart).square().mean()
+
+
+def loss_terms(output: dict, batch: dict, keypoint_unit: float = 1.0) -> dict[str, Tensor]:
+    """The five terms of Eq. 9 and 11 as scalars, unweighted.
+
+    `keypoint_unit` is the side of the crop in the unit of y2D: 1 measures L_2D in crop units, 96 in pixels of a 96 px
+    crop. The paper does not name its unit, and calls all weights equal. L_2D grows with the unit's square, so the unit
+    *is* L_2D's weight: too small starves the keypoints, too large starves the rest.
+
+    L_2D: MSE over 4x2 numbers · L_cls: cross-entropy · L_3D: MSE over 4x3 numbers, m² · L_trans: MSE over 3 numbers, m².
+    L_rot: Eq. 10 in turns² for the Euler head; for the 6D head MSE over the 9 numbers of R, 8 sin²(angle/2) / 9, which
+    is about 26 times Eq. 10 for a small turn about one axis. A head that the configuration left out has the loss 0.
+    """
+    zero = output["t"].new_zeros(())
+    if output["angles"] is not None:
+        rotation = circular_loss(output["angles"], rotations.matrix_to_angles(batch["R"]))
+    else:
+        rotation = mse_loss(output["R"], batch["R"])
+    points = output["keypoints_3d"]
+    return {
+        "L_2D": mse_loss(output["keypoints"], batch["keypoints"]) * keypoint_unit**2,
+        "L_cls": cross_entropy(output["class_logits"], batch["label"]),
+        "L_3D": zero if points is None else mse_loss(points, batch["keypoints_3d"]),
+        "L_rot": rotation,
+        "L_trans": mse_loss(output["t"], batch["t"]),
+    }
+
+
+def loss_weights(schedule: str, progress: float) -> tuple[float, float]:
+    """Weights of L_enc and L_dec at `progress` (0 = first step, 1 = last) of training. Table 6; no formula is printed.
+
+    equal: 1 and 1 (Eq. 12) · tanh: a steep switch from encoder to decoder at half of training · shifted: the same
+    handover as one half cosine over the whole run · biased: 1 and 5.
+    """
+    if schedule == "equal":
+        return 1.0, 1.0
+    if schedule == "biased":
+        return 1.0, 5.0
+    if schedule == "tanh":
+        decoder = 0.5 * (1 + math.tanh(20 * (progress - 0.5)))
+    elif schedule == "shifted":
+        decoder = 0.5 * (1 - math.cos(math.pi * progress))
+    else:
+        raise InputError(f"schedule={schedule!r} is not one of: {', '.join(SCHEDULES)}")
+    return 1.0 - decoder, decoder
+
+
+def total_loss(terms: dict[str, Tensor], weights: tuple[float, float] = (1.0, 1.0)) -> Tensor:
+    """Eq. 12: L_enc + L_dec, each times its weight."""
+    encoder = sum(terms[name] for name in ENCODER_TERMS)
+    decoder = sum(terms[name] for name in DECODER_TERMS)
+    return weights[0] * encoder + weights[1] * decoder

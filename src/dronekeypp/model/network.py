@@ -1,0 +1,140 @@
+"""DroneKey++ as a whole (Sec. III, Fig. 2): backbone, keypoint encoder, pose decoder; saved as safetensors and JSON."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save
+from torch import Tensor, nn
+from torch.nn.functional import one_hot
+
+from dronekeypp.errors import InputError
+from dronekeypp.model.backbone import Backbone, load_state
+from dronekeypp.model.config import ModelConfig
+from dronekeypp.model.decoder import PoseDecoder
+from dronekeypp.model.encoder import KeypointEncoder
+
+WEIGHTS, CONFIG = "model.safetensors", "config.json"
+
+
+class DroneKeyPP(nn.Module):
+    """From a crop, the full frame's camera matrix and the crop's square to keypoints, class and 6-DoF pose.
+
+    `load_backbone=False` skips the file or download that `config.backbone_weights` names.
+    """
+
+    def __init__(self, config: ModelConfig | None = None, load_backbone: bool = True):
+        super().__init__()
+        self.config = config or ModelConfig()
+        self.backbone = self.encoder = None
+        if self.config.encoder == "learned":
+            self.backbone = Backbone(self.config, load=load_backbone)
+            self.encoder = KeypointEncoder(self.config, self.backbone.channels)
+        self.decoder = PoseDecoder(self.config)
+
+    def forward(
+        self,
+        image: Tensor | None,
+        K: Tensor,
+        square: Tensor,
+        keypoints: Tensor | None = None,
+        label: Tensor | None = None,
+    ) -> dict[str, Tensor | list[Tensor] | None]:
+        """
+        Args:
+            image: (B, 3, S, S) RGB in [0, 1]; may be None where nothing needs it.
+            K: (B, 3, 3) full-frame camera matrix A, pixels.
+            square: (B, 3) the crop's x, y, side in full-frame pixels.
+            keypoints: (B, 4, 2) crop units, given to the decoder *instead of* the encoder's.
+            label: (B,) class indices, given to the decoder as one-hot *instead of* the encoder's distribution. With
+                encoder="truth" both are required (Table 4); otherwise they answer "what if": a wrong class, say.
+
+        Returns:
+            A dict: keypoints (B, 4, 2) crop units · keypoints_px (B, 4, 2) full-frame pixels · gate (B, N) ·
+            ir (B, N, d) · cr (B, N, 4, 2) · attention, N tensors (B, heads, 1+M, 1+M) · class_logits, class_probs (B, 7) ·
+            rays (B, 4, 3) · e_ray, e_cls (B, 64) · keypoints_3d (B, 4, 3) metres, camera axes, about the centre ·
+            angles (B, 3) turns · R (B, 3, 3) camera<-body · t (B, 3) metres. What the configuration leaves out is None.
+
+        Raises:
+            InputError: shapes that do not fit, or encoder="truth" without the truth.
+        """
+        self._check(image, K, square, keypoints, label)
+        if self.encoder is not None and (image is not None or keypoints is None or label is None):
+            encoded = self.encoder(self.backbone(image))
+        else:
+            encoded = dict.fromkeys(("keypoints", "class_logits", "gate", "ir", "cr", "attention"))
+        if keypoints is not None:
+            encoded["keypoints"] = keypoints
+        if label is not None:
+            probs = one_hot(label, self.config.classes).to(K.dtype)
+            encoded["class_logits"] = (probs + 1e-9).log()  # so that a softmax gives the one-hot back and L_cls is 0
+        else:
+            probs = encoded["class_logits"].softmax(dim=-1)  # Eq. 5
+        encoded["class_probs"] = probs
+        return {**encoded, **self.decoder(encoded["keypoints"], probs, K, square)}
+
+    def _check(self, image, K, square, keypoints, label) -> None:
+        B, S = len(K), self.config.image_size
+        wanted = {"K": (K, (B, 3, 3)), "square": (square, (B, 3)), "image": (image, (B, 3, S, S)),
+                  "keypoints": (keypoints, (B, 4, 2)), "label": (label, (B,))}  # fmt: skip
+        for name, (value, shape) in wanted.items():
+            if value is not None and tuple(value.shape) != shape:
+                raise InputError(f"{name} has shape {tuple(value.shape)}, the network needs {shape}")
+        if self.config.encoder == "truth" and (keypoints is None or label is None):
+            raise InputError('this network has encoder="truth": give it the true keypoints and label')
+        if image is None and (keypoints is None or label is None):
+            raise InputError("without an image the network needs both keypoints and label")
+
+    def fit_rays(self, batches: Iterable[dict[str, Tensor]]) -> None:
+        """Set the decoder's ray statistics from training batches (keypoints, square, K). See `RayFeatures`."""
+        self.decoder.fit_rays(batches)
+
+    def parameter_counts(self) -> dict[str, int]:
+        """Learnable numbers by part: {"backbone", "encoder", "decoder", "total"}."""
+        parts = {"backbone": self.backbone, "encoder": self.encoder, "decoder": self.decoder}
+        counts = {name: sum(p.numel() for p in part.parameters()) if part else 0 for name, part in parts.items()}
+        return {**counts, "total": sum(counts.values())}
+
+    def save_pretrained(self, folder: str | Path) -> None:
+        """Write `model.safetensors` and `config.json` into `folder` (made if needed), each beside and then renamed."""
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        state = {key: value.detach().cpu().contiguous() for key, value in self.state_dict().items()}
+        write_beside(folder / WEIGHTS, save(state))
+        write_beside(folder / CONFIG, (self.config.to_json() + "\n").encode())
+
+    @classmethod
+    def from_pretrained(cls, folder: str | Path) -> DroneKeyPP:
+        """Read a folder that `save_pretrained` wrote; the network comes back in evaluation mode.
+
+        Raises:
+            InputError: a file is missing or broken, or weights and configuration do not fit. It names the file.
+        """
+        folder = Path(folder)
+        for name in (CONFIG, WEIGHTS):
+            if not (folder / name).is_file():
+                raise InputError(f"{folder / name} not found: a checkpoint is a folder with {CONFIG} and {WEIGHTS}")
+        try:
+            config = ModelConfig.from_json((folder / CONFIG).read_text())
+        except (InputError, UnicodeDecodeError) as error:
+            raise InputError(f"{folder / CONFIG}: {error}") from None
+        try:
+            state = load_file(folder / WEIGHTS)
+        except (SafetensorError, OSError) as error:
+            raise InputError(f"{folder / WEIGHTS} is not a readable safetensors file ({error})") from None
+        model = cls(config, load_backbone=False)
+        load_state(model, state, folder / WEIGHTS)
+        return model.eval()
+
+
+def write_beside(path: Path, content: bytes) -> None:
+    """Write `content` to a file beside `path`, then rename: a reader, or a kill, never meets half a file."""
+    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        beside.write_bytes(content)
+        os.replace(beside, path)
+    finally:
+        beside.unlink(missing_ok=True)

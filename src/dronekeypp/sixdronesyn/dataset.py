@@ -1,0 +1,112 @@
+"""6DroneSyn as a torch data set: one drone crop, its camera and its truth per item."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+
+from ..camera import CROP_MARGIN, clamp_square, crop_image, square_around, to_crop
+from ..errors import InputError
+from . import bop
+from .drones import DRONES
+from .scenes import HEIGHT, SPLITS, WIDTH
+
+
+def read_image(path):
+    """A JPEG as (H, W, 3) uint8 RGB.
+
+    Raises:
+        InputError: missing, truncated or not a JPEG; the message names the file.
+    """
+    try:
+        data = Path(path).read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{path}: image missing; generate this flight again") from None
+    # OpenCV fills what a truncated JPEG lacks with grey and says nothing; the end marker tells.
+    whole = data[:2] == b"\xff\xd8" and data[-2:] == b"\xff\xd9"
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if whole else None
+    if image is None:
+        raise InputError(f"{path}: truncated or not a JPEG; delete its flight folder and run generate again")
+    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+
+
+class SixDroneSyn(torch.utils.data.Dataset):
+    """Frames of one split, cut to the drone.
+
+    Args:
+        root: folder made by `python -m dronekeypp generate`, crops or whole frames.
+        split: "train", "val" or "test" (paper Sec. V-A: scenes 1, 2, 4, 5, 8, 10, 11, 12 / 3, 9, 13 / 6, 7).
+        size: side S of the crop handed out, pixels.
+        augment: draw each crop's margin (1.15 to 1.3) and centre anew; False: margin 1.2, centred. The paper names no other augmentation.
+        seed: of the augmentation, which depends on (seed, epoch, index) alone; see `set_epoch`.
+        stride: keep every stride-th stored frame of each flight.
+        drones: names of the drones to keep; None for all seven.
+
+    An item is a dictionary of tensors:
+        image (3, S, S) float32 RGB in [0, 1] · K (3, 3) of the full frame · square (3,): crop (x, y, side) in full-frame pixels ·
+        keypoints (4, 2) in crop units, 0 to 1 across the crop · label (): drone index · keypoints_3d (4, 3) hubs minus the drone's centre, camera
+        axes, metres · R (3, 3), t (3,) metres: camera←body · visible (4,) bool · scene, subsequence, frame (): where it comes from.
+
+    Raises:
+        InputError: no such split, missing or malformed annotations (on opening); missing or truncated image (on reading it).
+    """
+
+    def __init__(self, root, split, size=96, augment=False, seed=0, stride=1, drones=None):
+        if split not in SPLITS:
+            raise InputError(f"split {split!r}: choose {', '.join(SPLITS)}")
+        self.root, self.split, self.size, self.augment, self.seed, self.epoch = Path(root), split, size, augment, seed, 0
+        self.manifest = bop.read_json(self.root / "manifest.json")
+        wanted = {DRONES[name].index + 1 for name in (drones or DRONES)}
+        self.frames, self.folders = [], []
+        for folder in bop.flight_folders(root, split):
+            frames, _ = bop.read_flight(folder)
+            kept = [f for f in frames[::stride] if f.obj_id in wanted]
+            self.frames += kept
+            self.folders += [folder] * len(kept)
+        if not self.frames:
+            raise InputError(f"{self.root}: no {split} frames; its scenes are not in this data set, or generate has not finished")
+
+    def __len__(self):
+        return len(self.frames)
+
+    def set_epoch(self, epoch):
+        """Choose this epoch's augmentation; an epoch always looks the same, so a resumed training sees what an uninterrupted one saw."""
+        self.epoch = epoch
+
+    def stored_image(self, index):
+        """The image on disk: (size, size, 3) or (1080, 1920, 3) uint8 RGB."""
+        return read_image(bop.image_path(self.folders[index], self.frames[index].number))
+
+    def square(self, index):
+        """The (x, y, side) that item `index` shows in this epoch, full-frame pixels."""
+        f = self.frames[index]
+        if not self.augment:
+            return clamp_square(square_around(f.box), WIDTH, HEIGHT)
+        rng = np.random.default_rng([self.seed, self.epoch, index])
+        x, y, side = square_around(f.box, rng.uniform(*CROP_MARGIN))
+        dx, dy = rng.uniform(-0.05, 0.05, 2) * side
+        return clamp_square((x + dx, y + dy, side), WIDTH, HEIGHT)
+
+    def __getitem__(self, index):
+        f = self.frames[index]
+        image, square = self.stored_image(index), self.square(index)
+        local = square
+        if f.square is not None:  # a stored crop: from full-frame pixels to its own
+            local = np.concatenate([square[:2] - f.square[:2], square[2:]]) * (image.shape[0] / f.square[2])
+        crop = crop_image(image, local, self.size)
+        number = dict(dtype=torch.float32)
+        return {
+            "image": torch.from_numpy(crop).permute(2, 0, 1).float() / 255,
+            "K": torch.tensor(f.K, **number),
+            "square": torch.tensor(square, **number),
+            "keypoints": torch.tensor(to_crop(f.keypoints_2d, square), **number),
+            "label": torch.tensor(f.obj_id - 1),
+            "keypoints_3d": torch.tensor(f.keypoints_3d - f.t, **number),
+            "R": torch.tensor(f.R, **number),
+            "t": torch.tensor(f.t, **number),
+            "visible": torch.tensor(f.visible),
+            "scene": torch.tensor(int(self.folders[index].name) // 100),
+            "subsequence": torch.tensor(int(self.folders[index].name)),
+            "frame": torch.tensor(f.number),
+        }

@@ -1,0 +1,73 @@
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from dronekeypp.camera import intrinsics, project
+from dronekeypp.errors import InputError
+from dronekeypp.pnp import solve_pnp
+
+K = intrinsics(1500.0, 1920, 1080)
+# The real Mini 2: a trapezoid whose front is 21.5 mm higher than its rear, so its plane is neither z = 0 nor level.
+HUBS = np.array([[64.3, 87.8, 24.7], [64.3, -87.8, 24.7], [-61.1, -85.5, 3.2], [-61.1, 85.5, 3.2]]) / 1000
+
+
+def random_pose(rng):
+    return Rotation.random(random_state=rng).as_matrix(), rng.uniform([-0.5, -0.3, 1.5], [0.5, 0.3, 8.0])
+
+
+def test_the_true_pose_is_found_without_noise():
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        R, t = random_pose(rng)
+        best = solve_pnp(HUBS, project(HUBS @ R.T + t, K), K)[0]
+        np.testing.assert_allclose(best.R, R, atol=1e-4)
+        np.testing.assert_allclose(best.t, t, atol=1e-4)
+        assert best.error_px < 1e-3
+
+
+def test_solutions_are_sorted_rotations_and_at_most_a_few():
+    rng = np.random.default_rng(1)
+    empty = 0  # a drone seen edge-on, a pixel of noise: there may be no pose at all, and the list says so
+    for _ in range(50):
+        R, t = random_pose(rng)
+        found = solve_pnp(HUBS, project(HUBS @ R.T + t, K) + rng.normal(0, 1, (4, 2)), K)
+        assert len(found) <= 4
+        empty += not found
+        assert [s.error_px for s in found] == sorted(s.error_px for s in found)
+        for s in found:
+            np.testing.assert_allclose(s.R @ s.R.T, np.eye(3), atol=1e-9)
+            assert np.linalg.det(s.R) > 0
+    assert empty <= 3
+
+
+def test_agrees_with_opencvs_iterative_refinement():
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        R, t = random_pose(rng)
+        pixels = project(HUBS @ R.T + t, K)
+        best = solve_pnp(HUBS, pixels, K)[0]
+        rvec, tvec = cv2.solvePnPRefineLM(HUBS, pixels, K, None, cv2.Rodrigues(R)[0], t.reshape(3, 1).copy())
+        np.testing.assert_allclose(best.t, tvec.ravel(), atol=1e-4)
+        np.testing.assert_allclose(best.R, cv2.Rodrigues(rvec)[0], atol=1e-4)
+
+
+def test_twice_as_large_is_twice_as_far():
+    R, t = random_pose(np.random.default_rng(3))
+    pixels = project(HUBS @ R.T + t, K)
+    np.testing.assert_allclose(solve_pnp(2 * HUBS, pixels, K)[0].t, 2 * t, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("hubs", "pixels", "message"),
+    [
+        (HUBS[:3], np.zeros((3, 2)), "P ≥ 4"),
+        (HUBS, np.zeros((4, 3)), "P ≥ 4"),
+        (HUBS, np.full((4, 2), np.nan), "NaN"),
+        (np.outer(np.arange(4.0), [1, 0, 0]), np.zeros((4, 2)), "one line"),
+        (HUBS + [[0, 0, 0.1], [0, 0, 0], [0, 0, 0], [0, 0, 0]], np.zeros((4, 2)), "not coplanar"),
+    ],
+)
+def test_bad_input(hubs, pixels, message):
+    with pytest.raises(InputError, match=message):
+        solve_pnp(hubs, pixels, K)

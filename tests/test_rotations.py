@@ -1,0 +1,71 @@
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+
+from dronekeypp import rotations
+from dronekeypp.errors import InputError
+
+
+def random_rotations(n=200, seed=0):
+    return torch.tensor(Rotation.random(n, random_state=seed).as_matrix())
+
+
+def test_angles_agree_with_scipy():
+    R = random_rotations()
+    level = Rotation.from_matrix(np.array(rotations.LEVEL_FROM_CAMERA) @ R.numpy())
+    expected = level.as_euler("ZYX") / (2 * np.pi) % 1
+    np.testing.assert_allclose(rotations.matrix_to_angles(R).numpy(), expected, atol=1e-9)
+
+
+def test_angles_round_trip():
+    R = random_rotations()
+    np.testing.assert_allclose(rotations.angles_to_matrix(rotations.matrix_to_angles(R)), R, atol=1e-9)
+
+
+def test_angles_stay_below_one():
+    tiny = rotations.angles_to_matrix(torch.tensor([-1e-9, 0.0, -1e-9]))
+    assert (rotations.matrix_to_angles(tiny) < 1).all()
+
+
+def test_a_level_drone_flying_away_has_yaw_zero():
+    away = torch.tensor(rotations.LEVEL_FROM_CAMERA).T  # body x along the camera's z
+    np.testing.assert_allclose(rotations.matrix_to_angles(away), 0, atol=1e-7)
+
+
+def test_6d_round_trip_and_orthonormal():
+    R = random_rotations()
+    np.testing.assert_allclose(rotations.matrix_from_6d(rotations.matrix_to_6d(R)), R, atol=1e-9)
+    made = rotations.matrix_from_6d(torch.randn(50, 6, generator=torch.Generator().manual_seed(0), dtype=torch.float64))
+    rotations.check_rotation(made)
+
+
+def test_6d_gram_schmidt_by_hand():
+    R = rotations.matrix_from_6d(torch.tensor([2.0, 0, 0, 5.0, 3.0, 0]))
+    np.testing.assert_allclose(R, np.eye(3), atol=1e-7)
+
+
+def test_geodesic_agrees_with_scipy():
+    A, B = random_rotations(seed=1), random_rotations(seed=2)
+    expected = np.degrees((Rotation.from_matrix(A.numpy()).inv() * Rotation.from_matrix(B.numpy())).magnitude())
+    np.testing.assert_allclose(rotations.geodesic_degrees(A, B), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 1e-3, 179.999, 180.0])
+def test_geodesic_is_exact_at_its_ends(degrees):
+    R = torch.tensor(Rotation.from_rotvec([0, 0, np.radians(degrees)]).as_matrix(), dtype=torch.float32)
+    assert abs(float(rotations.geodesic_degrees(torch.eye(3), R)) - degrees) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("R", "message"),
+    [
+        (np.eye(2), "3×3"),
+        (np.full((3, 3), np.nan), "NaN"),
+        (np.eye(3) * 1.01, "orthonormal"),
+        (np.diag([1.0, 1, -1]), "reflection"),
+    ],
+)
+def test_not_a_rotation(R, message):
+    with pytest.raises(InputError, match=message):
+        rotations.check_rotation(R)
