@@ -39,8 +39,8 @@ def environment_files(directory=None, workers=1, progress=True):
     from .environments import ENVIRONMENTS
 
     # The drawing code's own digest is part of the name: a changed painter never leaves old pictures behind.
-    rooms = sorted(p for p in Path(__file__).parent.glob("*.py") if p.stem in _PAINTERS)
-    version = hashlib.sha256(b"".join(p.read_bytes() for p in rooms)).hexdigest()[:12]
+    painters = sorted((Path(__file__).parent / "environments").glob("*.py"))
+    version = hashlib.sha256(b"".join(p.read_bytes() for p in painters)).hexdigest()[:12]
     folder = cache_folder() / f"environments-{version}"
     files = [folder / f"{name}.jpg" for name in ENVIRONMENTS]
     missing = [f for f in files if not f.exists()]
@@ -51,9 +51,6 @@ def environment_files(directory=None, workers=1, progress=True):
         for _ in tqdm(done, total=len(missing), unit="panorama", disable=None if progress else True):
             pass
     return files
-
-
-_PAINTERS = {"environments", "noise", "canvas", "sky", "plants", "terrain", "buildings", "ground"}
 
 
 def _paint(path):

@@ -6,7 +6,6 @@ Every view of a row has the same scale, given by the bar; the camera is orthogra
 import sys
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 import pyvista as pv
 from matplotlib.figure import Figure
@@ -16,20 +15,30 @@ from .drones import DRONES
 from .meshes import drone_mesh
 
 # heading 0 is in front of the drone, looking at its nose; degrees
-VIEWS = {"front, to its left": (38, 20), "rear, to its right": (218, 24), "left side": (90, 4), "from above": (180, 89.9), "front": (0, 3)}
+VIEWS = {"front left": (38, 20), "rear right": (218, 24), "left side": (90, 4), "from above": (180, 89.9), "front": (0, 3)}
 BACKGROUND = (0.955, 0.96, 0.965)
 
 
-def render(name: str, azimuth: float, elevation: float, pixels: tuple[int, int], half_height: float, blur: float = 2.2, samples: int = 2) -> np.ndarray:
-    """One orthographic view, (height, width, 3) uint8. The camera stands at `azimuth`, `elevation` (degrees, body frame); `half_height` metres reach
-    from the picture's middle to its upper edge."""
+def render(
+    name: str, azimuth: float, elevation: float, pixels: tuple[int, int], half_height: float, blur: float = 2.2, samples: int = 2
+) -> np.ndarray:
+    """One orthographic view, (height, width, 3) uint8.
+
+    The camera stands at `azimuth`, `elevation` (degrees, body frame); `half_height` metres reach from the middle to the upper edge.
+    """
     mesh = drone_mesh(name)
     plotter = pv.Plotter(off_screen=True, window_size=[pixels[0] * samples, pixels[1] * samples], lighting="none")
     plotter.set_background(BACKGROUND)
     a, e = np.radians([azimuth, elevation])
     away = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
     right = np.array([-np.sin(a), np.cos(a), 0.0])
-    for direction, strength in (((0, 0, 1) + 0.5 * away - 0.55 * right, 0.78), (0.8 * away + 0.9 * right, 0.50), ((0, 0, -1) + 0.3 * away, 0.25)):
+    toward = np.array([np.cos(a), np.sin(a), 0.0])
+    sun, fill, ground = (
+        (0.5 * toward - 0.55 * right + (0, 0, 1), 0.86),
+        (0.8 * toward + 0.9 * right + (0, 0, 0.1), 0.45),
+        (0.3 * toward - (0, 0, 1), 0.25),
+    )
+    for direction, strength in (sun, fill, ground):
         plotter.add_light(pv.Light(position=tuple(direction), focal_point=(0, 0, 0), intensity=strength, light_type="scene light"))
     body = plotter.add_mesh(mesh.body, scalars="rgb", rgb=True, ambient=0.16, diffuse=1.0, specular=0.20, specular_power=24)
     body.prop.interpolation = "phong"
@@ -46,33 +55,34 @@ def render(name: str, azimuth: float, elevation: float, pixels: tuple[int, int],
     return np.rint(picture).astype(np.uint8)
 
 
-def contact_sheet(path: str | Path, cell: tuple[int, int] = (340, 250)) -> None:
+def contact_sheet(path: str | Path, cell: tuple[int, int] = (360, 262)) -> None:
     """Draw seven rows of five views and save them as PNG."""
-    label, head, foot = 110, 34, 30
-    width, height = label + cell[0] * len(VIEWS), head + cell[1] * len(DRONES) + foot
+    head, foot = 34, 30
+    width, height = cell[0] * len(VIEWS), head + cell[1] * len(DRONES) + foot
     figure = Figure(figsize=(width / 100, height / 100), dpi=100, facecolor=BACKGROUND)
-    axes = figure.add_axes((0, 0, 1, 1), xlim=(0, width), ylim=(height, 0))
-    axes.axis("off")
+    axes = figure.add_axes((0, 0, 1, 1))
     for column, title in enumerate(VIEWS):
-        axes.text(label + cell[0] * (column + 0.5), head / 2, title, ha="center", va="center", fontsize=11)
+        axes.text(cell[0] * (column + 0.5), head / 2, title, ha="center", va="center", fontsize=11)
     for row, drone in enumerate(DRONES.values()):
         top = head + cell[1] * row
-        outer = np.abs(drone.hubs[:, :2]).max(axis=0) + drone.propeller_radius
-        half_height = 1.06 * max(outer[0], outer[1] * cell[1] / cell[0])
+        # the outer half of a blurred propeller may leave the cell: the bodies are then a quarter larger
+        outer = np.abs(drone.hubs[:, :2]).max(axis=0) + 0.55 * drone.propeller_radius
+        half_height = max(outer[0], outer[1] * cell[1] / cell[0])
         for column, (azimuth, elevation) in enumerate(VIEWS.values()):
-            left = label + cell[0] * column
-            axes.imshow(render(drone.name, azimuth, elevation, cell, half_height), extent=(left, left + cell[0], top + cell[1], top), interpolation="none")
-        axes.text(12, top + cell[1] / 2 - 12, drone.label, fontsize=12, weight="bold", va="center")
-        axes.text(12, top + cell[1] / 2 + 8, f"{drone.wheelbase * 1000:.0f} mm, {drone.mass * 1000:.0f} g", fontsize=9, va="center")
+            left = cell[0] * column
+            picture = render(drone.name, azimuth, elevation, cell, half_height)
+            axes.imshow(picture, extent=(left, left + cell[0], top + cell[1], top), interpolation="none")
+        axes.text(10, top + 18, drone.label, fontsize=12, weight="bold", va="center")
+        axes.text(10, top + cell[1] - 34, f"wheelbase {drone.wheelbase * 1000:.0f} mm, {drone.mass * 1000:.0f} g", fontsize=9, va="center")
         bar = 0.1 * cell[1] / (2 * half_height)
-        axes.add_patch(Rectangle((12, top + cell[1] / 2 + 24), bar, 4, color="black", linewidth=0))
-        axes.text(12, top + cell[1] / 2 + 42, "100 mm", fontsize=9, va="center")
-    caption = "Orthographic; one scale per row, given by the bar. Wheelbase: front-left to rear-right hub. Propellers blurred over 126° of turning."
-    axes.text(label, height - foot / 2, caption, fontsize=9, va="center")
-    axes.set_xlim(0, width)
-    axes.set_ylim(height, 0)
-    with matplotlib.rc_context({"savefig.dpi": 100}):
-        figure.savefig(path, pil_kwargs={"optimize": True}, metadata={"Software": None})
+        axes.add_patch(Rectangle((10, top + cell[1] - 20), bar, 4, color="black", linewidth=0))
+        axes.text(16 + bar, top + cell[1] - 18, "100 mm", fontsize=9, va="center")
+        axes.axhline(top, color="0.8", linewidth=0.8)
+    caption = "Orthographic, one scale per row given by its bar. Propellers turn through 126° while the shutter is open."
+    axes.text(10, height - foot / 2, caption, fontsize=9, va="center")
+    axes.set(xlim=(0, width), ylim=(height, 0))
+    axes.axis("off")
+    figure.savefig(path, dpi=100, pil_kwargs={"optimize": True}, metadata={"Software": None})
 
 
 if __name__ == "__main__":

@@ -31,6 +31,20 @@ def read_image(path):
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 
+def recolour(image, rng):
+    """Another camera's picture of the same scene: exposure, gamma, white balance and saturation drawn from `rng`. (H, W, 3) uint8 to the same.
+
+    There are only 14 training environments; without this a network learns their light along with the drones.
+    """
+    level = np.arange(256) / 255
+    curves = np.exp(rng.uniform(-0.3, 0.3) + rng.uniform(-0.1, 0.1, 3))[:, None] * level ** np.exp(rng.uniform(-0.35, 0.35))
+    curves = (curves * 255).clip(0, 255).astype(np.uint8)
+    image = cv2.LUT(image, np.ascontiguousarray(curves.T[None]))
+    saturation = rng.uniform(0.5, 1.2)
+    grey = cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB)
+    return cv2.addWeighted(image, saturation, grey, 1 - saturation, 0)
+
+
 class SixDroneSyn(torch.utils.data.Dataset):
     """Frames of one split, cut to the drone.
 
@@ -38,7 +52,7 @@ class SixDroneSyn(torch.utils.data.Dataset):
         root: folder made by `python -m dronekeypp generate`, crops or whole frames.
         split: "train", "val" or "test" (paper Sec. V-A: scenes 1, 2, 4, 5, 8, 10, 11, 12 / 3, 9, 13 / 6, 7).
         size: side S of the crop handed out, pixels.
-        augment: draw each crop's margin (1.15 to 1.3) and centre anew; False: margin 1.2, centred. The paper names no other augmentation.
+        augment: draw each crop's margin (1.15 to 1.3), centre and colours anew; False: margin 1.2, centred, as stored. The paper has none.
         seed: of the augmentation, which depends on (seed, epoch, index) alone; see `set_epoch`.
         stride: keep every stride-th stored frame of each flight.
         drones: names of the drones to keep; None for all seven.
@@ -78,12 +92,15 @@ class SixDroneSyn(torch.utils.data.Dataset):
         """The image on disk: (size, size, 3) or (1080, 1920, 3) uint8 RGB."""
         return read_image(bop.image_path(self.folders[index], self.frames[index].number))
 
+    def _generator(self, index, purpose):
+        return np.random.default_rng([self.seed, self.epoch, index, purpose])
+
     def square(self, index):
         """The (x, y, side) that item `index` shows in this epoch, full-frame pixels."""
         f = self.frames[index]
         if not self.augment:
             return clamp_square(square_around(f.box), WIDTH, HEIGHT)
-        rng = np.random.default_rng([self.seed, self.epoch, index])
+        rng = self._generator(index, 0)
         x, y, side = square_around(f.box, rng.uniform(*CROP_MARGIN))
         dx, dy = rng.uniform(-0.05, 0.05, 2) * side
         return clamp_square((x + dx, y + dy, side), WIDTH, HEIGHT)
@@ -95,9 +112,19 @@ class SixDroneSyn(torch.utils.data.Dataset):
         if f.square is not None:  # a stored crop: from full-frame pixels to its own
             local = np.concatenate([square[:2] - f.square[:2], square[2:]]) * (image.shape[0] / f.square[2])
         crop = crop_image(image, local, self.size)
-        number = dict(dtype=torch.float32)
+        if self.augment:
+            crop = recolour(crop, self._generator(index, 1))
+        return {"image": torch.from_numpy(crop).permute(2, 0, 1).float() / 255, **self.annotation(index, square)}
+
+    def annotations(self):
+        """Everything but the images, stacked: what `__getitem__` gives, with the number of frames in front."""
+        items = [self.annotation(i, self.square(i)) for i in range(len(self))]
+        return {name: torch.stack([item[name] for item in items]) for name in items[0]}
+
+    def annotation(self, index, square):
+        """One item without its image, as seen in the crop `square` (x, y, side)."""
+        f, number = self.frames[index], dict(dtype=torch.float32)
         return {
-            "image": torch.from_numpy(crop).permute(2, 0, 1).float() / 255,
             "K": torch.tensor(f.K, **number),
             "square": torch.tensor(square, **number),
             "keypoints": torch.tensor(to_crop(f.keypoints_2d, square), **number),

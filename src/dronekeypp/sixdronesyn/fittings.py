@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .shapes import RGB, Part, beam, block, frame, lathe, on_surface
+from .shapes import RGB, Part, beam, block, lathe, on_surface
 
 BLACK, GLASS, METAL, WHITE = (24, 25, 27), (12, 14, 20), (78, 79, 82), (236, 237, 236)
 COATING = (58, 66, 104)
@@ -22,24 +22,26 @@ def shade(rgb: RGB, factor: float) -> RGB:
 def motor(hub: np.ndarray, radius: float, height: float, base: RGB, bell: RGB = METAL) -> list[Part]:
     """Propeller nut, turning bell and fixed base below a hub. Everything stays below the hub, so the keypoint itself is never inside."""
     at, r = hub, radius
-    nut = lathe([(0.0, -0.6), (0.28 * r, -0.6), (0.36 * r, -1.6), (0.36 * r, -3.6)], BLACK, at, segments=10)
+    nut = lathe([(0.0, -0.4), (0.3 * r, -0.4), (0.4 * r, -1.4), (0.4 * r, -3.6)], BLACK, at, segments=8)
     top, waist = -3.2, -0.66 * height
-    cap = lathe([(0.0, top), (0.66 * r, top), (0.86 * r, top - 1.6), (0.86 * r, waist)], bell, at, gloss=0.7)
+    cap = lathe([(0.0, top), (0.66 * r, top), (0.86 * r, top - 1.6), (0.86 * r, waist)], bell, at, segments=14, gloss=0.7)
     seat = lathe(
-        [(0.0, waist - 0.1), (0.7 * r, waist - 0.1), (0.7 * r, waist - 1.4), (1.0 * r, waist - 1.8), (1.0 * r, -height - 2), (0.8 * r, -height - 5)],
-        base, at,
+        [(0.0, waist - 0.1), (0.7 * r, waist - 0.1), (0.7 * r, waist - 1.4), (1.0 * r, waist - 1.8), (1.0 * r, -height - 2),
+        (0.8 * r, -height - 5)],
+        base, at, segments=14,
     )  # fmt: skip
     return [nut, cap, seat]
 
 
 def eye(body: Part, start: Sequence[float], direction: Sequence[float], radius: float, rim: RGB = BLACK) -> list[Part]:
-    """A vision sensor set flush where a ray from `start` inside the hull leaves it: a rim with a dark glossy dome, facing half way between the ray and the skin's normal."""
+    """A vision sensor set flush where a ray from `start` inside the hull leaves it: a rim with a dark glossy dome, facing half way
+    between the ray and the skin's normal."""
     r = radius
     at, normal = on_surface(body, start, direction)
     axis = normal + np.asarray(direction, float) / np.linalg.norm(direction)
-    ring = lathe([(1.05 * r, -1.0 * r), (1.0 * r, 0.12 * r), (0.8 * r, 0.22 * r), (0.7 * r, 0.05 * r)], rim, at, axis, 14)
-    dome = lathe([(0.72 * r, 0.02 * r), (0.55 * r, 0.2 * r)], GLASS, at, axis, 12, 0.95)
-    pupil = lathe([(0.56 * r, 0.18 * r), (0.32 * r, 0.3 * r), (0.0, 0.34 * r)], COATING, at, axis, 12, 0.95)
+    ring = lathe([(1.05 * r, -1.0 * r), (1.0 * r, 0.12 * r), (0.8 * r, 0.22 * r), (0.7 * r, 0.05 * r)], rim, at, axis, 12)
+    dome = lathe([(0.72 * r, 0.02 * r), (0.55 * r, 0.2 * r)], GLASS, at, axis, 10, 0.95)
+    pupil = lathe([(0.56 * r, 0.18 * r), (0.3 * r, 0.32 * r)], COATING, at, axis, 10, 0.95)
     return [ring, dome, pupil]
 
 
@@ -53,7 +55,14 @@ def lens(at: Sequence[float], radius: float, depth: float, rim: RGB = BLACK) -> 
 
 
 def gimbal(
-    at: Sequence[float], half: Sequence[float], top: float, body: RGB, yoke: RGB, lenses: Sequence[Sequence[float]], face: RGB = BLACK, hood: bool = False
+    at: Sequence[float],
+    half: Sequence[float],
+    top: float,
+    body: RGB,
+    yoke: RGB,
+    lenses: Sequence[Sequence[float]],
+    face: RGB = BLACK,
+    hood: bool = False,
 ) -> list[Part]:
     """A camera of half sizes `half` centred at `at`, held by a side arm, a roll arm behind it and a stem up to z = `top`.
 
@@ -63,12 +72,12 @@ def gimbal(
     hx, hy, hz = half
     arm = 0.16 * hy + 1.2
     parts = [
-        block(at, half, body, soft=0.35, exponent=5),
-        block((x + 0.93 * hx, y, z), (0.12 * hx, 0.86 * hy, 0.88 * hz), face, soft=0.5, exponent=5),
+        block(at, half, body, soft=0.35, exponent=5, around=20),
+        block((x + 0.93 * hx, y, z), (0.12 * hx, 0.86 * hy, 0.88 * hz), face, soft=0.5, exponent=5, around=20),
         # pitch arm on the left and its motor, roll arm behind, yaw stem into the hull
-        block((x - 0.35 * hx, y + hy + arm + 0.6, z), (0.95 * hx, arm, 0.52 * hz), yoke, exponent=5),
+        block((x - 0.35 * hx, y + hy + arm + 0.6, z), (0.95 * hx, arm, 0.52 * hz), yoke, exponent=4, around=12),
         lathe([(0.62 * hz, -1.2 * arm), (0.62 * hz, 0.6 * arm), (0.5 * hz, arm)], yoke, (x, y + hy + arm, z), (0, 1, 0), 16),
-        block((x - 1.45 * hx, y + 0.45 * hy, z), (0.26 * hx, 0.85 * hy, 0.42 * hz), yoke, exponent=5),
+        block((x - 1.45 * hx, y + 0.45 * hy, z), (0.26 * hx, 0.85 * hy, 0.42 * hz), yoke, exponent=4, around=12),
         lathe([(0.45 * hz, -0.5 * hx), (0.45 * hz, 0.35 * hx), (0.36 * hz, 0.5 * hx)], yoke, (x - 1.75 * hx, y, z), (1, 0, 0), 14),
         beam([(x - 1.75 * hx, 0, z), (x - 1.9 * hx, 0, top)], [(0.5 * hy, 0.3 * hx), (0.6 * hy, 0.4 * hx)], yoke, up=(1, 0, 0), along=3),
     ]
@@ -79,15 +88,23 @@ def gimbal(
     return parts
 
 
-def arm(root: Sequence[float], hub: np.ndarray, drop: float, sizes: Sequence[Sequence[float]], rgb: RGB, bend: Sequence[float] = (0.55, 0.5, 0.5)) -> Part:
+def arm(
+    root: Sequence[float],
+    hub: np.ndarray,
+    drop: float,
+    sizes: Sequence[Sequence[float]],
+    rgb: RGB,
+    bend: Sequence[float] = (0.55, 0.5, 0.5),
+) -> Part:
     """An arm from `root` in the hull to the motor seat, `drop` below the hub; `bend` says how far along x, y, z its middle knot lies."""
     root, tip = np.asarray(root, float), hub - (0, 0, drop)
     knee = root + np.asarray(bend) * (tip - root)
-    return beam([root, knee, tip], sizes, rgb, along=9, around=12, exponent=3.6)
+    return beam([root, knee, tip], sizes, rgb, along=8, around=10, exponent=3.6)
 
 
 def leg(hub: np.ndarray, top: float, foot: Sequence[float], wide: Sequence[float], thick: float, rgb: RGB) -> Part:
-    """A blade from `top` below the hub down to `foot` (absolute z, and forward and sideways shift); `wide` is its half width above and below."""
+    """A blade from `top` below the hub down to `foot` (absolute z, and forward and sideways shift); `wide` is its half width above and
+    below."""
     z, forward, out = foot
     start = hub - (0, 0, top)
     end = np.array([hub[0] + forward, hub[1] + out, z + 0.6 * thick])
@@ -99,7 +116,12 @@ def leg(hub: np.ndarray, top: float, foot: Sequence[float], wide: Sequence[float
 def hinge(at: Sequence[float], radius: float, height: float, rgb: RGB) -> Part:
     """The round joint an arm folds about."""
     r, h = radius, 0.5 * height
-    return lathe([(0.0, h), (0.72 * r, h), (0.94 * r, h - 0.14 * r), (r, h - 0.4 * r), (r, 0.4 * r - h), (0.85 * r, -h), (0, -h)], rgb, at, segments=18)
+    return lathe(
+        [(0.0, h), (0.72 * r, h), (0.94 * r, h - 0.14 * r), (r, h - 0.4 * r), (r, 0.4 * r - h), (0.85 * r, -h), (0, -h)],
+        rgb,
+        at,
+        segments=18,
+    )
 
 
 def skid(x: tuple[float, float], y: float, top: float, bottom: float, thick: float, rgb: RGB) -> Part:
@@ -108,7 +130,15 @@ def skid(x: tuple[float, float], y: float, top: float, bottom: float, thick: flo
     middle = 0.5 * (top + bottom)
     half = 0.5 * (top - bottom) + 0.2
     path = [(rear - 6, y, middle + 0.7 * half), (rear + 4, y, middle), (front - 4, y, middle), (front + 8, y, middle + 0.8 * half)]
-    return beam(path, [(0.7 * thick, 0.3 * half), (thick, half), (thick, half), (0.6 * thick, 0.2 * half)], rgb, along=10, around=8, exponent=4, round_end=0.2)
+    return beam(
+        path,
+        [(0.7 * thick, 0.3 * half), (thick, half), (thick, half), (0.6 * thick, 0.2 * half)],
+        rgb,
+        along=10,
+        around=8,
+        exponent=4,
+        round_end=0.2,
+    )
 
 
 def light(hub: np.ndarray, radius: float, drop: float, rgb: RGB, half: Sequence[float] = (1.4, 4.0, 1.8)) -> Part:

@@ -25,14 +25,15 @@ from .. import __version__
 from ..camera import clamp_square, project, square_around
 from ..errors import InputError
 from . import bop, scenes
-from .drones import DRONES
 from .cache import environment_files
+from .drones import DRONES
 from .meshes import drone_mesh
 from .panorama import load_panorama
-from .render import DroneRenderer, SelfOcclusion, check_opengl, directions, draw_crop, draw_frame
+from .render import DroneRenderer, SelfOcclusion, check_opengl, directions, draw_crop, draw_frame, window_around
 
 STORED_MARGIN = 1.5  # a stored crop is 1.5 times the box's longer side: room to jitter a training crop of 1.15 to 1.3
-QUALITY = {"crop": 92, "full": 90}  # JPEG
+KINDS = ("crop", "full")  # of frames
+QUALITY = 85  # JPEG
 
 
 def digest(data):
@@ -40,8 +41,9 @@ def digest(data):
     return hashlib.sha256(data).hexdigest()[:16]
 
 
-def _canonical(entry):
-    return json.dumps(entry, separators=(",", ":")).encode()
+def annotation_digest(entry):
+    """The digest of anything JSON can hold, such as the (camera, truth, info) of `bop.Frame.to_bop`."""
+    return digest(json.dumps(entry, separators=(",", ":")).encode())
 
 
 class Flight:
@@ -97,10 +99,10 @@ class Flight:
         }
         x0, y0, x1, y1 = 0, 0, scenes.WIDTH, scenes.HEIGHT
         if self.settings["frames"] == "crop":
-            s = np.array([f.square for f in frames])
-            x0, y0 = np.maximum(np.floor(s[:, :2].min(0)).astype(int) - 2, 0)
-            x1, y1 = np.minimum(np.ceil((s[:, :2] + s[:, 2:]).max(0)).astype(int) + 2, [scenes.WIDTH, scenes.HEIGHT])
-        self.origin = np.array([x0, y0], dtype=float)
+            windows = np.array([window_around(f.square, scenes.WIDTH, scenes.HEIGHT) for f in frames])
+            x0, y0 = windows[:, :2].min(0)
+            x1, y1 = (windows[:, :2] + windows[:, 2:]).max(0)
+        self.origin = (x0, y0)
         self.background = panorama.sample(directions(self.path.camera.K, cam_R, x0, y0, x1, y1), self.turn)
 
     def picture(self, frame):
@@ -108,8 +110,10 @@ class Flight:
         rng = self.subsequence.generator(self.settings["seed"], "propellers", frame.number)
         view = dict(R=frame.R, t=frame.t, K=frame.K, light=self.light, phases=rng.uniform(0, np.pi, 4), blur=self.blur)
         if self.settings["frames"] == "crop":
-            size = self.settings["size"]
-            return draw_crop(_renderer(self.drone.name, 2 * size), self.background, self.origin, frame.square, size, **view)
+            size, window = self.settings["size"], window_around(frame.square, scenes.WIDTH, scenes.HEIGHT)
+            x, y, side = window[0] - self.origin[0], window[1] - self.origin[1], window[2]
+            behind = self.background[y : y + side, x : x + side]
+            return draw_crop(_renderer(self.drone.name, 2 * size), behind, frame.square, window, size, **view)
         side = int(np.ceil(max(frame.box[2:]))) + 4
         centre = frame.box[:2] + frame.box[2:] / 2
         corner = np.clip(np.round(centre - side / 2), 0, [scenes.WIDTH - side, scenes.HEIGHT - side])
@@ -165,7 +169,7 @@ def render_flight(root, subsequence, settings, environments, stride):
         with log.open("a") as lines:
             for f in missing:
                 picture = cv2.cvtColor(flight.picture(f), cv2.COLOR_RGB2BGR)
-                data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY[settings["frames"]]])[1].tobytes()
+                data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes()
                 bop.image_path(partial, f.number).write_bytes(data)
                 done[f.number] = digest(data)
                 lines.write(json.dumps([f.number, done[f.number]]) + "\n")
@@ -180,7 +184,7 @@ def render_flight(root, subsequence, settings, environments, stride):
         "turn_degrees": 90 * flight.turn,
         "seed": settings["seed"],
         "fps": scenes.FPS,
-        "digests": {str(n): [done[n], digest(_canonical(entries[n]))] for n in entries},
+        "digests": {str(n): [done[n], annotation_digest(entries[n])] for n in entries},
     }
     bop.write_flight(partial, entries, about)
     log.unlink(missing_ok=True)
@@ -262,7 +266,7 @@ def _check_arguments(scene_numbers, drone_names, frames, size, stride, seed, wor
     for name in drone_names or ():
         if name not in DRONES:
             raise InputError(f"drone {name!r}: choose from {', '.join(DRONES)}")
-    if frames not in QUALITY:
+    if frames not in KINDS:
         raise InputError(f"frames {frames!r}: choose crop or full")
     if not 32 <= size <= 1024:
         raise InputError(f"size {size}: a crop is 32 to 1024 pixels wide")
@@ -316,15 +320,16 @@ def finish(root):
     manifest["frames"] = {split: sum(len(f["digests"]) for f in flights.values() if f["split"] == split) for split in scenes.SPLITS}
     for key, part in (("digest", 0), ("annotation_digest", 1)):  # pixels may differ between renderers; annotations never do
         rows = [[name, number, pair[part]] for name, f in sorted(flights.items()) for number, pair in f["digests"].items()]
-        manifest[key] = digest(_canonical(rows))
+        manifest[key] = annotation_digest(rows)
     manifest["flights"] = dict(sorted(flights.items()))
     models = root / "models"
     if not (models / "models_info.json").exists():
         models.mkdir(exist_ok=True)
         for drone in DRONES.values():
-            body = drone_mesh(drone.name).body.copy()
-            body.points = body.points * np.float32(bop.MM)
-            body.save(models / f"obj_{drone.index + 1:06d}.ply", texture="rgb")
+            mesh = drone_mesh(drone.name).body
+            body = pv.PolyData(mesh.points * np.float32(bop.MM), mesh.faces)
+            body.point_data["rgb"] = mesh.point_data["rgb"]
+            body.save(models / f"obj_{drone.index + 1:06d}.ply", texture="rgb", recompute_normals=False)
         bop.write_json(models / "models_info.json", bop.models_info(), indent=1)
     for split in scenes.SPLITS:
         if manifest["frames"][split]:

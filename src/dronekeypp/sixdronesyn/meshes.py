@@ -1,11 +1,12 @@
 """The seven drones as meshes: one opaque body each, and four propellers that spin (Sec. IV).
 
-`drone_mesh("Mini2").body` is one triangle surface in metres, body frame, with point arrays `rgb` (uint8), `Normals` and `specular` (0 matt .. 1 glossy).
-`.propellers(phases, blur)` is one translucent surface: how long during the exposure a blade covered a spot is that spot's opacity.
+`drone_mesh("Mini2").body` is one triangle surface in metres, body frame, with point arrays `rgb` (uint8), `Normals` and `specular`
+(0 matt .. 1 glossy). `.propellers(phases, blur_radians)` is one translucent surface: the share of the exposure in which a blade covered
+a spot is that spot's opacity.
 """
 
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 import pyvista as pv
@@ -19,15 +20,15 @@ from .shapes import as_polydata, merge
 SPIN = np.array([-1.0, 1.0, -1.0, 1.0])
 SPOKES = 48
 # radius and chord as shares of the propeller's radius: narrow at the nut, widest at a third, a slim tip
-BLADE = np.array([[0.04, 0.05], [0.14, 0.11], [0.34, 0.20], [0.62, 0.165], [0.86, 0.12], [0.97, 0.085], [1.0, 0.02]])
+BLADE = np.array([[0.03, 0.01], [0.10, 0.07], [0.34, 0.20], [0.62, 0.165], [0.86, 0.12], [0.97, 0.085], [1.0, 0.02]])
 BLADES = 2
 
 
 def _coverage(angle: np.ndarray, half_width: np.ndarray, blur: float) -> np.ndarray:
     """Share (0..1) of the exposure in which one of two blades covers `angle` (radians ahead of the first blade's middle position).
 
-    A blade is a box of angle, the exposure slides it through `blur` radians, and a cell of the mesh averages over its own width: three boxes
-    convolved, whose closed form is a signed sum of squared ramps.
+    A blade is a box of angle, the exposure slides it through `blur` radians, and a cell of the mesh averages over its own width: three
+    boxes convolved, whose closed form is a signed sum of squared ramps.
     """
     blur, cell = np.clip(blur, 0.02, 2 * np.pi), 2 * np.pi / SPOKES
     total = np.zeros(np.broadcast_shapes(angle.shape, half_width.shape))
@@ -43,8 +44,12 @@ def _coverage(angle: np.ndarray, half_width: np.ndarray, blur: float) -> np.ndar
 
 @dataclass(eq=False)
 class DroneMesh:
-    """One drone's shapes. `hubs` (4, 3) metres; `hub_clearance` metres: a ray from a hub that first meets the body within this distance has only met
-    its own motor's rim, and the hub counts as seen."""
+    """One drone's shapes.
+
+    `hubs` is (4, 3), metres. `hub_clearance`, metres, is for occlusion: cast a ray from a hub to the camera and ignore what it meets of
+    `body` nearer than this, which is only the top of its own motor. Anything farther, the rest of the motor and its arm included, hides
+    the hub.
+    """
 
     drone: Drone
     body: pv.PolyData
@@ -69,29 +74,28 @@ class DroneMesh:
         self._discs.point_data["rgba"] = rgba
         self._discs.point_data["Normals"] = np.tile(np.float32([0, 0, 1]), (len(rgba), 1))
         self._discs.point_data.active_normals_name = "Normals"
-        where = self.hubs[:, None, None] + np.concatenate(
-            [self._radius[:, None] * self._spokes[:, None], np.zeros((SPOKES, rings, 1))], -1
-        )
+        level = np.zeros((SPOKES, rings, 1))
+        where = self.hubs[:, None, None] + np.concatenate([self._radius[:, None] * self._spokes[:, None], level], -1)
         self._discs.points = where.reshape(-1, 3).astype(np.float32)
 
-    def propellers(self, phases: np.ndarray, blur: float) -> pv.PolyData:
+    def propellers(self, phases: np.ndarray, blur_radians: float) -> pv.PolyData:
         """The four propellers during one exposure, opacity in `point_data['rgba']` (uint8).
 
-        `phases` (4,): radians from body x to a blade at mid-exposure, keypoint order, counter-clockwise from above. `blur`: radians each propeller
-        turns during the exposure; 0 gives still blades, pi or more an even disc. The same PolyData is refilled at every call: copy it to keep it.
-        Raises InputError on the wrong shape or a negative blur.
+        `phases` (4,): radians from body x to a blade at mid-exposure, keypoint order, counter-clockwise from above. `blur_radians`: how far
+        each propeller turns during the exposure; 0 gives still blades, from pi on a nearly even disc. Each call refills the same PolyData:
+        copy it to keep it. Raises InputError on the wrong shape or a negative blur.
         """
         phases = np.asarray(phases, float)
-        if phases.shape != (4,) or not np.isfinite(phases).all() or not np.isfinite(blur) or blur < 0:
-            raise InputError(f"propellers: phases has shape {phases.shape} and blur is {blur}; give four angles and a blur of 0 or more, in radians")
+        if phases.shape != (4,) or not np.isfinite(phases).all() or not np.isfinite(blur_radians) or blur_radians < 0:
+            raise InputError(f"propellers: phases {phases.shape}, blur {blur_radians}: give four angles and a blur of 0 or more, radians")
         angle = np.arange(SPOKES) * (2 * np.pi / SPOKES) - phases[:, None]
-        alpha = _coverage(angle[:, :, None], self._half, float(blur))
+        alpha = _coverage(angle[:, :, None], self._half, float(blur_radians))
         self._discs.point_data["rgba"][:, 3] = np.rint(255 * alpha).astype(np.uint8).ravel()
         self._discs.Modified()
         return self._discs
 
 
-@lru_cache(maxsize=None)
+@cache
 def drone_mesh(name: str) -> DroneMesh:
     """The mesh of drone `name` (a key of `DRONES`), built once. Raises InputError on an unknown name."""
     if name not in DRONES:

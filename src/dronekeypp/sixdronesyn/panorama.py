@@ -1,12 +1,14 @@
 """Backgrounds: a 360° panorama that can be looked into in any direction, and the light it throws on a drone.
 
-A panorama is an equirectangular 2:1 image. World axes have z up; the middle column looks along +x. Pixel (u, v), centres at +0.5, shows
+A panorama is an equirectangular 2:1 image. World axes have z up; the middle column looks along +x. Pixel (u, v),
+centres at +0.5, shows
 
     azimuth   phi   = (0.5 - u / W) 2 pi      counter-clockwise about z,
     elevation theta = (0.5 - v / H) pi,
     direction = (cos theta cos phi, cos theta sin phi, sin theta).
 
-Sec. IV of the paper turns each of its 22 environments by four quarter turns about z. `turn` does that everywhere below.
+Sec. IV of the paper turns each of its 22 environments by four quarter turns about z. `turn` does that everywhere
+below.
 """
 
 from __future__ import annotations
@@ -29,9 +31,9 @@ _LOOKUP_WIDTH = 1024  # cv2.remap takes at most 32766 samples a row
 class SunLight:
     """Light for a matte surface: radiance = albedo * (sun_colour * max(0, n.direction) + ambient(n)), linear RGB.
 
-    ambient(n) blends `ground_colour` (n straight down) into `sky_colour` (n straight up) by (1 + n_z) / 2. A radiance of 1 is a white pixel;
-    the power 1/2.2 makes a pixel value of it. direction: (3,) unit, world axes, towards the sun. Colours: (3,) float.
-    `sun_colour` is near zero under a covered sky.
+    ambient(n) blends `ground_colour` (n straight down) into `sky_colour` (n straight up) by (1 + n_z) / 2. A radiance
+    of 1 is a white pixel; the power 1/2.2 makes a pixel value of it. direction: (3,) unit, world axes, towards the
+    sun. Colours: (3,) float. `sun_colour` is near zero under a covered sky.
     """
 
     direction: np.ndarray
@@ -61,8 +63,8 @@ class Panorama:
     def sample(self, directions: np.ndarray, turn: int = 0) -> np.ndarray:
         """Colours seen along world directions, bicubic, seamless across the back seam.
 
-        directions: (..., 3) float, any length but zero, world axes (z up). turn: quarter turns of the environment about z, counter-clockwise.
-        Returns (..., 3) uint8.
+        directions: (..., 3) float, any length but zero, world axes (z up). turn: quarter turns of the environment
+        about z, counter-clockwise. Returns (..., 3) uint8.
         """
         directions = np.asarray(directions, np.float32)
         if directions.shape[-1:] != (3,):
@@ -81,15 +83,15 @@ class Panorama:
         """Array positions (column, row), pixel centres at whole numbers, of (N, 3) directions."""
         height, width = self.image.shape[:2]
         x, y, z = (np.ascontiguousarray(flat[:, i]) for i in range(3))
-        horizontal, azimuth = cv2.cartToPolar(x, y)  # in [0, 2 pi)
-        elevation = np.arctan2(z, horizontal.reshape(-1))
-        columns = azimuth.reshape(-1)
+        # numpy, not cv2.cartToPolar: that one rounds the last few elements of an array differently, and a pixel must not depend on its neighbours
+        elevation = np.arctan2(z, np.hypot(x, y))
+        columns = np.arctan2(y, x)
         columns *= np.float32(-width / (2 * np.pi))
         columns += np.float32(((turn % 4) / 4 + 0.5) * width - 0.5)  # BORDER_WRAP takes care of the rest
         rows = elevation
         rows *= np.float32(-height / np.pi)
         rows += np.float32(0.5 * height - 0.5)
-        np.clip(rows, 0, height - 1, out=rows)  # the last half pixel at a pole
+        np.clip(rows, 1, height - 2, out=rows)  # at a pole: the cubic's neighbours must not wrap to the other one
         return columns, rows
 
     def _remap(self, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
@@ -98,9 +100,10 @@ class Panorama:
     def light(self, turn: int = 0) -> SunLight:
         """The light of this environment, estimated from its pixels alone, so that it also works for any photograph.
 
-        Direction: luminance-weighted centroid of the brightest 0.1 % of the upper hemisphere, around its peak. Strength: how far the peak stands
-        out of the sky around it; a photograph clips the sun, so its true power is not in the pixels. Colour: a sun seen through more air is redder.
-        Ambient: cosine-weighted means of the upper and of the lower hemisphere.
+        Direction: luminance-weighted centroid of the brightest 0.1 % of the upper hemisphere, around its peak.
+        Strength: how far the peak stands out of the sky around it; a photograph clips the sun, so its true power is
+        not in the pixels. Colour: a sun seen through more air is redder. Ambient: cosine-weighted means of the upper
+        and of the lower hemisphere.
         """
         base = self._light
         quarter = turn % 4
@@ -118,10 +121,12 @@ class Panorama:
         ground_colour = _cosine_mean(linear[half:], -directions[half:, :, 2], area[half:])
 
         # A wide blur beside a narrow one: the sun sits in its glow, a white wall or a cloud's rim does not.
-        luminance = linear[:half] @ _LUMINANCE
+        # The ground is blurred in with it, so that a bright horizon does not count double.
+        luminance = linear @ _LUMINANCE
         pad = 64
         wide = cv2.copyMakeBorder(luminance, 0, 0, pad, pad, cv2.BORDER_WRAP)
-        score = (cv2.GaussianBlur(wide, (0, 0), 1.2) + 0.5 * cv2.GaussianBlur(wide, (0, 0), 8))[:, pad:-pad]
+        score = cv2.GaussianBlur(wide, (0, 0), 1.2) + 0.5 * cv2.GaussianBlur(wide, (0, 0), 3) + 0.3 * cv2.GaussianBlur(wide, (0, 0), 8)
+        score, luminance = score[:half, pad:-pad], luminance[:half]
         up, weight = directions[:half], area[:half]
         order = np.argsort(score, axis=None)[::-1]
         covered = np.cumsum(weight.ravel()[order])

@@ -48,7 +48,7 @@ def check_opengl():
     if done.returncode != 0:
         raise InputError(
             "this machine has no OpenGL library to render with; on Debian or Ubuntu: apt-get install libegl1 libgl1-mesa-dri "
-            "(training and the notebooks 02 to 07 need none: they read data_samples/)"
+            "(training and evaluation need none)"
         )
 
 
@@ -167,30 +167,34 @@ def directions(K, camera_R, x0, y0, x1, y1):
     return (v @ camera_R).astype(np.float32)
 
 
-def draw_crop(renderer, background, origin, square, size, **view):
+def window_around(square, width, height):
+    """The whole pixels (x, y, side) of a `width` × `height` frame that hold `square`, one more where they must."""
+    side = int(min(np.ceil(square[2]) + 1, width, height))
+    corner = np.floor(square[:2]).astype(int)
+    return int(np.clip(corner[0], 0, width - side)), int(np.clip(corner[1], 0, height - side)), side
+
+
+def draw_crop(renderer, background, square, window, size, **view):
     """The crop `square`, `size` pixels wide.
 
     Args:
         renderer: a `DroneRenderer`.
-        background: (H, W, 3) uint8, the panorama at the frame's own pixels; `origin` is the full-frame (x, y) of its top-left pixel.
+        background: (side, side, 3) uint8, the panorama at the frame's own pixels in `window`.
         square: (x, y, side) in full-frame pixels.
+        window: the whole pixels around it, from `window_around`.
         view: the other arguments of `DroneRenderer.draw`.
 
     Returns:
         (size, size, 3) uint8 RGB.
     """
-    local = np.array([square[0] - origin[0], square[1] - origin[1], square[2]])
+    local = np.array([square[0] - window[0], square[1] - window[1], square[2]])
     if square[2] >= size:  # the camera has more pixels than we keep: average
         drone = cv2.resize(renderer.draw(square=square, **view), (size, size), interpolation=cv2.INTER_AREA)
         return composite(drone, crop_image(background, local, size))
     # The camera has fewer pixels than `size`: draw at the camera's own pixels, then enlarge, as cutting the full frame would.
-    x0, y0 = np.floor(local[:2]).astype(int)
-    side = int(np.ceil(square[2])) + 1
-    x0, y0 = max(0, min(x0, background.shape[1] - side)), max(0, min(y0, background.shape[0] - side))
-    window = np.array([origin[0] + x0, origin[1] + y0, side], dtype=float)
+    side = window[2]
     drone = cv2.resize(renderer.draw(square=window, **view), (side, side), interpolation=cv2.INTER_AREA)
-    picture = composite(drone, background[y0 : y0 + side, x0 : x0 + side])
-    return crop_image(picture, local - [x0, y0, 0], size)
+    return crop_image(composite(drone, background), local, size)
 
 
 def draw_frame(renderer, background, square, **view):

@@ -1,7 +1,7 @@
 """Small closed surfaces to build a drone from: lofts, beams, lathes, blocks.
 
-Lengths are millimetres here, because that is how a drone is measured; `merge` turns them into metres. Every builder returns a `Part` whose faces
-look outward and whose normals are smooth within a surface and split along its sharp edges. Nothing is random.
+Lengths are millimetres here, because that is how a drone is measured; `merge` turns them into metres. Every builder returns a `Part`
+whose faces look outward and whose normals are smooth within a surface and split along its sharp edges. Nothing is random.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,8 @@ RGB = tuple[int, int, int]
 
 @dataclass(frozen=True)
 class Part:
-    """A coloured triangle surface: `points` and `normals` (P, 3), `faces` (F, 3), `rgb` (P, 3) uint8, `gloss` (P,) 0 matt .. 1 mirror-like."""
+    """A coloured triangle surface: `points` and `normals` (P, 3), `faces` (F, 3), `rgb` (P, 3) uint8, `gloss` (P,) 0 matt .. 1 mirror-
+    like."""
 
     points: np.ndarray
     normals: np.ndarray
@@ -69,14 +70,14 @@ def _tube(rings: np.ndarray, rgb: RGB, gloss: float, crease: float = 38.0) -> Pa
 
 
 def _oval(around: int, exponent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Superellipse |a|^n + |b|^n = 1 at `around` equal angles for exponents (..., 1): 2 is an ellipse, 5 a box with round corners."""
+    """Superellipse |a|^n + |b|^n = 1, `around` points, for exponents (..., 1): 2 is an ellipse, 5 a box with round corners (where its
+    points crowd)."""
     angle = (np.arange(around) + 0.5) * (2 * np.pi / around)
     a, b = np.cos(angle), np.sin(angle)
-    radius = (np.abs(a) ** exponent + np.abs(b) ** exponent) ** (-1 / exponent)
-    return a * radius, b * radius
+    return np.sign(a) * np.abs(a) ** (2 / exponent), np.sign(b) * np.abs(b) ** (2 / exponent)
 
 
-def hull(stations: Sequence[Sequence[float]], rgb: RGB, rings: int = 24, around: int = 26, gloss: float = 0.25) -> Part:
+def hull(stations: Sequence[Sequence[float]], rgb: RGB, rings: int = 22, around: int = 24, gloss: float = 0.25) -> Part:
     """A fuselage lofted along x.
 
     Each station is (x, half width, z bottom, z widest, z top, exponent bottom, exponent top); between stations every number follows a
@@ -160,13 +161,21 @@ def block(
     gloss: float = 0.3,
     around: int = 16,
 ) -> Part:
-    """A box of half sizes `half` with round corners, centred at `at`; `soft` is the share of its smallest half size taken by the rounded ends."""
+    """A box of half sizes `half` with round corners, centred at `at`; `soft` is the share of its smallest half size taken by the rounded
+    ends."""
     hx, hy, hz = half
     edge = soft * min(half)
     a, b = _oval(around, np.full((1, 1), exponent))
     rings = [
         np.column_stack([np.full(around, x), (hy - inset) * a[0], (hz - inset) * b[0]])
-        for x, inset in ((-hx, edge), (-hx + 0.35 * edge, 0.3 * edge), (-hx + edge, 0), (hx - edge, 0), (hx - 0.35 * edge, 0.3 * edge), (hx, edge))
+        for x, inset in (
+            (-hx, edge),
+            (-hx + 0.35 * edge, 0.3 * edge),
+            (-hx + edge, 0),
+            (hx - edge, 0),
+            (hx - 0.35 * edge, 0.3 * edge),
+            (hx, edge),
+        )
     ]
     return moved(_tube(np.stack(rings), rgb, gloss, crease=42), np.eye(3) if turn is None else turn, at)
 
@@ -183,7 +192,8 @@ def mirrored(part: Part) -> Part:
 
 
 def _sliced(part: Part, faces: np.ndarray, axis: int, value: float) -> Part:
-    """The part with those of its `faces` (F,) bool that cross the plane coordinate `axis` = `value` cut along it: three triangles for one."""
+    """The part with those of its `faces` (F,) bool that cross the plane coordinate `axis` = `value` cut along it: three triangles for
+    one."""
     side = part.points[:, axis][part.faces] > value
     count = side.sum(axis=1)
     cut = faces & (count > 0) & (count < 3)
@@ -207,7 +217,8 @@ def _sliced(part: Part, faces: np.ndarray, axis: int, value: float) -> Part:
 
 
 def painted(part: Part, rgb: RGB, gloss: float | None = None, **bounds: tuple[float, float]) -> Part:
-    """The surface inside a box (`x`, `y`, `z` = (low, high), any of them) in another colour, its border sharp because triangles are cut along it."""
+    """The surface inside a box (`x`, `y`, `z` = (low, high), any of them) in another colour, its border sharp because triangles are cut
+    along it."""
 
     def chosen() -> np.ndarray:
         centre = part.points[part.faces].mean(axis=1)
@@ -248,7 +259,9 @@ def on_surface(part: Part, start: Sequence[float], direction: Sequence[float]) -
     first = np.einsum("ij,ij->i", offset, cross) / size
     second_cross = np.cross(offset, u)
     second = second_cross @ direction / size
-    distance = np.where((first >= -1e-9) & (second >= -1e-9) & (first + second <= 1 + 1e-9), np.einsum("ij,ij->i", v, second_cross) / size, -np.inf)
+    distance = np.where(
+        (first >= -1e-9) & (second >= -1e-9) & (first + second <= 1 + 1e-9), np.einsum("ij,ij->i", v, second_cross) / size, -np.inf
+    )
     face = int(distance.argmax())
     normal = np.cross(u[face], v[face])
     return start + distance[face] * direction, normal / np.linalg.norm(normal)

@@ -11,7 +11,7 @@ from ..errors import InputError
 from . import bop, scenes
 from .dataset import read_image
 from .drones import DRONES
-from .generate import _canonical, digest
+from .generate import annotation_digest, digest
 
 
 def validate(root, progress=False):
@@ -98,7 +98,7 @@ def _check_flight(folder, manifest, planned, split, images, environments):
             faults.append(f"{files[1 if truth[0] is None else 2]} frame {n}: no annotation; generate this flight again")
             continue
         pair = digests.get(n, ["", ""])
-        if digest(_canonical([cameras[n], truth[0], info[0]])) != pair[1]:
+        if annotation_digest([cameras[n], truth[0], info[0]]) != pair[1]:
             faults.append(f"{folder} frame {n}: the annotation is not the one that was generated (its digest differs)")
         faults += _check_image(bop.image_path(folder, int(n)), pair[0], manifest["settings"])
         images[pair[0]].append((split, bop.image_path(folder, int(n))))

@@ -2,67 +2,67 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import cv2
 import numpy as np
 
+from .kinds import KINDS, Kind
+from .noise import fbm_tile
+
 _DRAWN = 1280  # a model is drawn this many pixels high, and kept at half
 
 
-@dataclass(frozen=True)
-class Kind:
-    """How a plant grows. Lengths are shares of its height.
+class Model:
+    """A grown plant seen from the side, at several sizes.
 
-    crown: (bottom, top) of the crown. width: of the crown. shape: ellipsoid, cone, column, umbrella, flat, fan, none. clumps, leaves: how many
-    clumps of foliage, and leaves in all. leaf: (long, short) in drawn pixels. spread: size of a clump. bark: RGB albedo. twigs: thin branches drawn.
+    The picture's height stands for the whole plant. Bytes keep it small: `levels` is a list of (form (h, w, 4),
+    matter (h, w, 3)) uint8, each half the size of the one before. form: normal (right, towards viewer, up) as 128 +
+    120 n, and how much sky its leaves see as 255 x. matter: leaf 1 .. bark 0 as 255 x, tone (albedo variation) as 128
+    x, alpha as 255 x. All premultiplied by alpha.
     """
 
-    shape: str = "ellipsoid"
-    crown: tuple[float, float] = (0.18, 1.0)
-    width: float = 0.75
-    clumps: int = 70
-    leaves: int = 26000
-    leaf: tuple[float, float] = (5.0, 3.0)
-    spread: float = 0.085
-    bark: tuple[float, float, float] = (0.13, 0.10, 0.075)
-    trunk: float = 0.035
-    twigs: int = 0
+    def __init__(self, form: np.ndarray, matter: np.ndarray, kind: Kind):
+        self.kind = kind
+        pair = form, matter
+        self.levels = [pair]
+        while min(pair[0].shape[:2]) > 24:
+            size = pair[0].shape[1] // 2, pair[0].shape[0] // 2
+            pair = tuple(cv2.resize(p, size, interpolation=cv2.INTER_AREA) for p in pair)
+            self.levels.append(pair)
+
+    @property
+    def aspect(self) -> float:
+        """Width over height."""
+        return self.levels[0][0].shape[1] / self.levels[0][0].shape[0]
+
+    def sized(self, rows: int, columns: int, mirrored: bool) -> tuple[np.ndarray, ...]:
+        """Normal (h, w, 3), open, leaf, tone (h, w), no longer premultiplied, and alpha, float32, of a picture of
+        this size.
+        """
+        level = 0
+        while level + 1 < len(self.levels) and self.levels[level + 1][0].shape[0] >= rows:
+            level += 1
+        method = cv2.INTER_AREA if rows < self.levels[level][0].shape[0] else cv2.INTER_LINEAR
+        form, matter = (cv2.resize(p, (columns, rows), interpolation=method) for p in self.levels[level])
+        if mirrored:
+            form, matter = form[:, ::-1], matter[:, ::-1]
+        form, matter = form.astype(np.float32), matter.astype(np.float32)
+        alpha = matter[..., 2] / 255
+        solid = 1 / np.maximum(alpha, 1e-2)
+        normal = (form[..., :3] - 128) * (solid / 120)[..., None]
+        if mirrored:
+            normal[..., 0] *= -1
+        return normal, form[..., 3] * solid / 255, matter[..., 0] * solid / 255, matter[..., 1] * solid / 128, alpha
 
 
-KINDS: dict[str, Kind] = {
-    "broadleaf": Kind(clumps=90, leaves=30000, spread=0.1),
-    "oak": Kind(width=1.05, crown=(0.14, 1.0), clumps=110, leaves=40000, spread=0.105, trunk=0.05),
-    "birch": Kind(width=0.42, crown=(0.2, 1.0), clumps=110, leaves=17000, spread=0.07, bark=(0.5, 0.48, 0.44), trunk=0.022, twigs=90),
-    "poplar": Kind(shape="column", width=0.2, crown=(0.06, 1.0), clumps=160, leaves=24000, spread=0.055, trunk=0.02),
-    "cypress": Kind(shape="column", width=0.15, crown=(0.03, 1.0), clumps=220, leaves=34000, leaf=(4, 2), spread=0.04, trunk=0.02),
-    "spruce": Kind(shape="cone", width=0.42, crown=(0.05, 1.0), clumps=190, leaves=36000, leaf=(7, 1.8), spread=0.04, trunk=0.022),
-    "pine": Kind(shape="umbrella", width=0.62, crown=(0.5, 1.0), clumps=46, leaves=22000, leaf=(6, 1.5), spread=0.06, bark=(0.22, 0.12, 0.075)),
-    "acacia": Kind(shape="flat", width=1.25, crown=(0.62, 0.98), clumps=80, leaves=24000, leaf=(4, 2), spread=0.06, trunk=0.03),
-    "palm": Kind(shape="fan", width=0.5, crown=(0.7, 1.0), clumps=26, leaves=0, bark=(0.2, 0.16, 0.12), trunk=0.028),
-    "bare": Kind(shape="none", width=0.75, crown=(0.25, 1.0), clumps=0, leaves=0, twigs=900, bark=(0.12, 0.10, 0.09), trunk=0.035),
-    "bush": Kind(width=1.5, crown=(0.0, 1.0), clumps=60, leaves=42000, leaf=(8.5, 5.5), spread=0.17, trunk=0.0),
-    "shrub": Kind(width=1.7, crown=(0.0, 1.0), clumps=40, leaves=22000, leaf=(9, 3.5), spread=0.17, trunk=0.0, twigs=60),
-    "tuft": Kind(shape="tuft", width=1.3, crown=(0, 1), clumps=0, leaves=420, trunk=0.0),
-    "reed": Kind(shape="tuft", width=0.5, crown=(0, 1), clumps=0, leaves=260, trunk=0.0),
-}
-
-
-@dataclass(frozen=True)
-class Model:
-    """A grown plant as images seen from the side, (h, w): normal (h, w, 3) as (right, towards viewer, up), `open` how much sky its leaves see,
-    `leaf` 1 leaf .. 0 bark, `tone` variation of albedo around 1, `alpha`. h stands for the whole height. All premultiplied by alpha."""
-
-    layers: np.ndarray  # (h, w, 7) float16: normal, open, leaf, tone, alpha
-    kind: Kind
-
-
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=28)
 def grow(name: str, variant: int) -> Model:
     """Grow one plant of a kind. Deterministic from (name, variant)."""
     kind = KINDS[name]
     rng = np.random.default_rng((sorted(KINDS).index(name), variant, 17))
+    if kind.shape == "rock":
+        return Model(*_bytes(_rock(kind, rng)), kind)
     size = _DRAWN
     width = 2 * int(size * (kind.width * 1.35 + 0.1) / 2)
     owner = np.zeros((size, width), np.int32)  # which element shows at a pixel; 0 is nothing
@@ -74,11 +74,16 @@ def grow(name: str, variant: int) -> Model:
     elif kind.leaves:
         _draw_leaves(owner, kind, elements, rng, size, width)
     table = np.concatenate(elements)
-    layers = np.empty((size, width, 7), np.float32)
-    layers[..., :6] = table[owner]
-    layers[..., 6] = owner > 0
-    half = layers.reshape(size // 2, 2, width // 2, 2, 7).mean((1, 3))
-    return Model(half.astype(np.float16), kind)
+    table = np.concatenate([table, (np.arange(len(table)) > 0)[:, None]], 1)
+    half = width // 2, size // 2
+    return Model(*(cv2.resize(np.take(t, owner, axis=0), half, interpolation=cv2.INTER_AREA) for t in _bytes(table)), kind)
+
+
+def _bytes(layers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Form and matter (see Model) of layers (..., 7) float: normal, open, leaf, tone, alpha; premultiplied."""
+    form = np.concatenate([layers[..., :3] * 120 + 128, layers[..., 3:4] * 255], -1)
+    matter = layers[..., 4:] * [255, 128, 255]
+    return tuple(np.clip(p + 0.5, 0, 255).astype(np.uint8) for p in (form, matter))
 
 
 def _profile(kind: Kind, level: np.ndarray) -> np.ndarray:
@@ -96,7 +101,7 @@ def _clumps(kind: Kind, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarra
     """Centres (N, 3) as (right, towards viewer, up) and radii (N,) of the clumps of leaves, in heights."""
     count = kind.clumps
     bottom, top = kind.crown
-    level = rng.random(count) if kind.shape != "cone" else np.sqrt(rng.random(count)) * -1 + 1
+    level = rng.random(count) if kind.shape != "cone" else 1 - rng.random(count) ** 0.72
     radius = _profile(kind, level) * kind.width / 2
     around = rng.random(count) * 2 * np.pi
     # Foliage grows near the surface: the inside is dark.
@@ -120,7 +125,7 @@ def _draw_leaves(owner, kind, elements, rng, size, width):
     twig = rng.integers(0, max(1, kind.leaves // 22), kind.leaves)
     pick, direction = pick[twig], direction[twig]
     offset = direction * (np.power(rng.random(kind.leaves)[twig], 0.45) * radius[pick])[:, None] * squash
-    place = centre[pick] + offset + rng.normal(size=offset.shape) * 0.26 * radius[pick][:, None] * squash
+    place = centre[pick] + offset + rng.normal(size=offset.shape) * 0.19 * radius[pick][:, None] * squash
     direction = 0.75 * direction + 0.45 * rng.normal(size=offset.shape)
     middle = np.array([0, 0, (kind.crown[0] + kind.crown[1]) / 2])
     crown = (place - middle) / [kind.width / 2, kind.width / 2, (kind.crown[1] - kind.crown[0]) / 2]
@@ -133,7 +138,7 @@ def _draw_leaves(owner, kind, elements, rng, size, width):
     tone = np.clip(1 + 0.14 * rng.normal(size=kind.leaves) + 0.10 * rng.normal(size=kind.leaves)[twig], 0.5, 1.6)
     order = np.argsort(place[:, 1])  # far ones first
     u = width / 2 + place[order, 0] * size
-    v = size - 1 - place[order, 2] * size * 0.985
+    v = size - 1 - place[order, 2] * size * 0.93
     long, short = kind.leaf
     angle = rng.random(kind.leaves) * np.pi
     if kind.shape == "cone":  # needles hang along their bough
@@ -169,7 +174,7 @@ def _limbs(kind: Kind, rng: np.random.Generator) -> list[tuple[np.ndarray, np.nd
             limbs.append((a, b, 0.006, 0.002))
         return limbs
     straight = kind.shape in ("cone", "column", "fan")
-    fork = 0.97 if straight else kind.crown[0] + 0.12 * (kind.crown[1] - kind.crown[0])
+    fork = 0.86 if straight else kind.crown[0] + 0.12 * (kind.crown[1] - kind.crown[0])
     here, thick = np.array([0.0, 0.0]), kind.trunk
     lean = rng.normal() * (0.01 if straight else 0.05)
     for i in range(8):
@@ -180,7 +185,7 @@ def _limbs(kind: Kind, rng: np.random.Generator) -> list[tuple[np.ndarray, np.nd
     if straight:
         return limbs
     depth = 7 if kind.twigs > 500 else 4
-    reach = (kind.crown[1] - kind.crown[0]) * (0.30 if depth == 7 else 0.25 if kind.shape != "flat" else 0.4)
+    reach = (kind.crown[1] - kind.crown[0]) * (0.30 if depth == 7 else 0.33 * kind.width if kind.shape != "flat" else 0.4)
 
     def branch(at: np.ndarray, angle: float, length: float, width: float, left: int) -> None:
         bend = angle + rng.normal() * 0.12
@@ -196,7 +201,9 @@ def _limbs(kind: Kind, rng: np.random.Generator) -> list[tuple[np.ndarray, np.nd
 
     for start in np.linspace(-0.75, 0.75, 4 if depth == 7 else 5):
         wide = 1.5 if kind.shape == "flat" else 1.0
-        branch(here - [0, rng.uniform(0, 0.12)], (start + rng.normal() * 0.1) * wide, reach * rng.uniform(0.75, 1.05), thick * 0.6, depth - 1)
+        branch(
+            here - [0, rng.uniform(0, 0.12)], (start + rng.normal() * 0.1) * wide, reach * rng.uniform(0.75, 1.05), thick * 0.6, depth - 1
+        )
     return limbs
 
 
@@ -251,7 +258,7 @@ def _draw_blades(owner, kind, elements, rng, size, width):
         rise = rng.uniform(-0.3, 1.1)
         t = np.linspace(0, 1, 9)[:, None]
         side = np.cos(around) * kind.width / 2
-        top = np.array([0.0, 0.86])
+        top = np.array([0.0, 0.855])
         rib = top + np.concatenate([side * t, 0.16 * rise * t - (0.10 + 0.12 * (1.1 - rise)) * t**2], 1)
         openness = np.clip(0.35 + 0.4 * rise, 0.1, 0.95)
         table.append([np.cos(around) * 0.6, 0.4 * np.sin(around), 0.7, openness, 1, rng.uniform(0.75, 1.2)])
@@ -263,6 +270,30 @@ def _draw_blades(owner, kind, elements, rng, size, width):
                 tip = at + long * np.array([np.sign(side) * 0.55 + 0.35 * sign * abs(np.sin(around)), -0.75 + 0.35 * sign])
                 _stroke(owner, np.stack([at, (at + tip) / 2 + [0, 0.004], tip]), 1.6, first + i, size, width)
     elements.append(np.array(table, np.float32))
+
+
+def _rock(kind: Kind, rng: np.random.Generator, size: int = 480) -> np.ndarray:
+    """A boulder as layers (see Model): a lump cut by a few planes, roughened with fractal noise."""
+    width = int(size * kind.width)
+    x, z = np.meshgrid((np.arange(width) + 0.5) / size - kind.width / 2, 1 - (np.arange(size) + 0.5) / size)
+    depth = np.full(x.shape, 10.0)
+    for _ in range(26):  # a convex stone is what many planes leave over
+        normal = rng.normal(size=3) * [1.0, 1.0, 0.8]
+        normal[1] = abs(normal[1]) + 0.15
+        normal /= np.linalg.norm(normal)
+        reach = rng.uniform(0.36, 0.52) * (1 + 0.35 * abs(normal[0]))
+        depth = np.minimum(depth, (reach - normal[0] * x - normal[2] * (z - 0.42)) / normal[1])
+    tile = fbm_tile(512, 1.6, int(rng.integers(1000)))
+    rough = np.tile(tile, (1, 2))[:size, :width]
+    alpha = (depth + 0.012 * rough > 0) & (z > 0.012 * (1 + rough))
+    height = cv2.GaussianBlur(np.clip(depth, -0.2, 1).astype(np.float32), (0, 0), 2.5) + 0.016 * rough
+    dy, dx = np.gradient(height * size)
+    normal = np.stack([-dx, np.ones_like(dx), dy], -1)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    openness = np.clip(0.45 + 0.4 * z + 0.06 * rough, 0.1, 1)
+    tone = np.exp(0.14 * np.roll(rough, 91, 1))
+    layers = np.concatenate([normal, np.stack([openness, 0 * z, tone, np.ones_like(z)], -1)], -1) * alpha[..., None]
+    return np.stack([cv2.GaussianBlur(layers[..., i], (0, 0), 0.7) for i in range(7)], -1)
 
 
 def _stroke(owner, line, thick, which, size, width):

@@ -1,4 +1,6 @@
-"""The picture being painted: an equirectangular canvas of linear radiance, back to front, and the camera that develops it."""
+"""The picture being painted: an equirectangular canvas of linear radiance, back to front, and the camera that
+develops it.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,9 @@ import numpy as np
 
 
 class Canvas:
-    """`image`: (H, 2H, 3) float32 linear radiance. `phi` (W,), `theta` (H,): azimuth and elevation of the pixel centres, radians."""
+    """`image`: (H, 2H, 3) float32 linear radiance. `phi` (W,), `theta` (H,): azimuth and elevation of the pixel
+    centres, radians.
+    """
 
     def __init__(self, height: int, eye: float):
         self.height, self.width, self.eye = height, 2 * height, eye
@@ -31,7 +35,9 @@ class Canvas:
         return np.arange(int(np.floor(self.column(centre + half))), int(np.ceil(self.column(centre - half))) + 1)
 
     def haze(self, colour: np.ndarray, distance: np.ndarray | float, columns: np.ndarray) -> np.ndarray:
-        """Aerial perspective: colour (h, w, 3) at a distance (broadcasts to (h, w, 1)) seen through the air of these columns."""
+        """Aerial perspective: colour (h, w, 3) at a distance (broadcasts to (h, w, 1)) seen through the air of these
+        columns.
+        """
         keep = np.exp(-np.asarray(distance, np.float32) / self.visibility)
         air = self.airlight[columns % self.width]
         return colour * keep + air * (1 - keep)
@@ -51,7 +57,9 @@ class Canvas:
             done, start = done + run, 0
 
     def develop(self, exposure: float, rng: np.random.Generator, grain: float = 0.006, warmth: float = 0.0) -> np.ndarray:
-        """A photograph of it, uint8: exposure, a film-like curve, sRGB, a little softness and grain. In bands, to stay small in memory."""
+        """A photograph of it, uint8: exposure, a film-like curve, sRGB, a little softness and grain. In bands, to
+        stay small in memory.
+        """
         out = np.empty(self.image.shape, np.uint8)
         gain = exposure * np.array([1 + warmth, 1, 1 - warmth], np.float32)
         for top in range(0, self.height, 256):
@@ -66,10 +74,13 @@ class Canvas:
 
 
 def _curve(x: np.ndarray) -> np.ndarray:
-    """Radiance to [0, 1] display values: a gentle toe and shoulder (middle grey 0.18 stays near 118/255), highlights lose their colour."""
+    """Radiance to [0, 1] display values: a gentle toe and shoulder (middle grey 0.18 stays near 118/255), highlights
+    lose their colour.
+    """
     peak = x.max(-1, keepdims=True)
     x = x + np.clip(peak - 1.2, 0, 6) * 0.12 * (peak - x) / np.maximum(peak, 1e-6)  # overexposed colours drift to white
     x = np.maximum(x, 0)
     x = x * (1 + 0.22 * x) / (1 + 0.55 * x + 0.22 * x * x) * 1.12
-    x = np.minimum(x, 1.05)
-    return np.where(x < 0.0031308, 12.92 * x, 1.055 * np.power(np.maximum(x, 1e-6), 1 / 2.4) - 0.055)
+    x = np.minimum(x, 1.0)
+    y = np.where(x < 0.0031308, 12.92 * x, 1.055 * np.power(np.maximum(x, 1e-6), 1 / 2.4) - 0.055)
+    return y + 0.3 * (y * y * (3 - 2 * y) - y)

@@ -19,7 +19,8 @@ _EARTH, _TOP = 6.36e6, 6.42e6
 
 @dataclass(frozen=True)
 class Clouds:
-    """cumulus: share of the sky under heaps, 0..1. cirrus: strength of the thin high veil. cover: 1 is a closed grey ceiling.
+    """cumulus: share of the sky under heaps, 0..1. cirrus: strength of the thin high veil. cover: 1 is a closed grey
+    ceiling.
 
     base, thickness: metres of the heaps. scale: metres a repeat of their pattern.
     """
@@ -34,7 +35,9 @@ class Clouds:
 
 @dataclass(frozen=True)
 class Daylight:
-    """What the sky gives the ground. sun: (3,) unit, towards it. sun_colour: irradiance facing it. sky_colour: from the upper hemisphere."""
+    """What the sky gives the ground. sun: (3,) unit, towards it. sun_colour: irradiance facing it. sky_colour: from
+    the upper hemisphere.
+    """
 
     sun: np.ndarray
     sun_colour: np.ndarray
@@ -42,7 +45,9 @@ class Daylight:
 
 
 def _depths(height: np.ndarray, cosine: np.ndarray, steps: int = 10) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Optical lengths (Rayleigh, haze, ozone; metres of sea-level air) from a height towards a direction with this cosine to the zenith."""
+    """Optical lengths (Rayleigh, haze, ozone; metres of sea-level air) from a height towards a direction with this
+    cosine to the zenith.
+    """
     radius = _EARTH + height
     reach = -radius * cosine + np.sqrt(np.maximum(radius**2 * (cosine**2 - 1) + _TOP**2, 0))
     total = [0.0, 0.0, 0.0]
@@ -63,7 +68,9 @@ def _through(depths: tuple, haze: float) -> np.ndarray:
 
 
 def scattered(elevation: float, haze: float, rows: int = 72, columns: int = 91) -> np.ndarray:
-    """Clear sky radiance for a unit sun (3 channels): rows by sqrt(elevation / 90 deg), columns by angle from the sun's azimuth, 0..180 deg."""
+    """Clear sky radiance for a unit sun (3 channels): rows by sqrt(elevation / 90 deg), columns by angle from the
+    sun's azimuth, 0..180 deg.
+    """
     theta = (np.linspace(0, 1, rows) ** 2 * np.pi / 2)[:, None]
     away = np.linspace(0, np.pi, columns)[None]
     up = np.maximum(np.sin(theta), 1e-3) * np.ones_like(away)
@@ -102,9 +109,9 @@ class Sky:
 
     def __init__(self, azimuth: float, elevation: float, haze: float, clouds: Clouds, seed: int):
         self.azimuth, self.elevation, self.clouds, self.seed = azimuth, elevation, clouds, seed
-        self.table = (20 * scattered(elevation, haze)).astype(np.float32)
+        self.table = (38 * scattered(elevation, haze)).astype(np.float32)
         sun = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
-        direct = 20 * _through(_depths(np.zeros(1), np.full(1, max(sun[2], 0.005))), haze)[0]
+        direct = 18 * _through(_depths(np.zeros(1), np.full(1, max(sun[2], 0.005))), haze)[0]
         if elevation < 0:
             direct *= 0
         theta = np.linspace(0, 1, len(self.table)) ** 2 * np.pi / 2
@@ -167,7 +174,9 @@ class Sky:
         return (level[..., None] * tint).astype(np.float32)
 
     def _veil(self, canvas: Canvas) -> tuple[np.ndarray, np.ndarray]:
-        """Cirrus and cumulus together: colour (h, W, 3), opacity (h, W), of the rows above the horizon (soft, so at half size)."""
+        """Cirrus and cumulus together: colour (h, W, 3), opacity (h, W), of the rows above the horizon (soft, so at
+        half size).
+        """
         ground = canvas.height // 2 + max(2, canvas.height // 64)
         clouds = self.clouds
         if not (clouds.cumulus or clouds.cirrus):
@@ -188,7 +197,9 @@ class Sky:
                 a = total
             colour[top : top + 96], opacity[top : top + 96] = c, a
         size = (canvas.width, ground)
-        return cv2.resize(colour, size, interpolation=cv2.INTER_LINEAR), cv2.resize(opacity, size, interpolation=cv2.INTER_LINEAR)
+        colour, opacity = (cv2.GaussianBlur(c, (0, 0), 0.8) for c in (colour, opacity))  # the march's jitter leaves grain
+        opacity = np.clip(cv2.resize(opacity, size, interpolation=cv2.INTER_CUBIC), 0, 1)
+        return cv2.resize(colour, size, interpolation=cv2.INTER_LINEAR), opacity
 
     def _cirrus(self, theta: np.ndarray, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         up = np.sin(np.maximum(theta, 0.001))
@@ -206,7 +217,9 @@ class Sky:
         return colour.astype(np.float32), opacity.astype(np.float32)
 
     def _cumulus(self, theta: np.ndarray, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Heaps between two heights, marched from below: flat bases, billowing tops, the side away from the sun in shade."""
+        """Heaps between two heights, marched from below: flat bases, billowing tops, the side away from the sun in
+        shade.
+        """
         clouds = self.clouds
         up = np.sin(np.maximum(theta, 0.012)) + 0.008  # the earth's curve brings far clouds down to, not through, the horizon
         broad, fine = fbm_tile(1024, 2.1, self.seed + 1), fbm_tile(1024, 1.5, self.seed + 2)
@@ -218,18 +231,20 @@ class Sky:
         clear = np.ones_like(theta)
         colour = np.zeros((*theta.shape, 3), np.float32)
         cx, cy = np.cos(theta) * np.cos(phi) / up, np.cos(theta) * np.sin(phi) / up
-        steps = 12
+        steps = 14
+        rng = np.random.default_rng((self.seed, len(theta), int(1e6 * abs(theta[0, 0]))))
+        jitter = rng.random(theta.shape, dtype=np.float32)  # hides the slices
         for i in range(steps):
-            level = (i + 0.5) / steps
+            level = (i + jitter) / steps
             z = clouds.base + level * clouds.thickness
             x, y = (z * cx).astype(np.float32), (z * cy).astype(np.float32)
             detail = look(fine, x + 0.6 * z, y - 0.4 * z, clouds.scale * 0.11) * 0.13 + look(fine, x - z, y, clouds.scale * 0.031) * 0.06
             heap = look(broad, x, y, clouds.scale) - threshold + detail
-            density = np.clip(heap - 1.1 * level**1.3 - 0.02, 0, None) * smooth(0, 0.12, np.float32(level))
+            density = np.clip(heap - 1.1 * level**1.3 - 0.02, 0, None) * smooth(0, 0.12, level)
             sunward = look(broad, x + towards[0], y + towards[1], clouds.scale) - threshold + detail * 1.3
             shade = np.clip(sunward - 1.1 * level**1.3, 0, None) + 0.25 * np.clip(heap - level, 0, None)
             lit = np.exp(-3.2 * shade)[..., None]
-            tone = phase * (0.12 + 0.95 * lit) * 1.5 * direct + (0.35 + 0.55 * level) * ambient
+            tone = phase * (0.12 + 0.95 * lit) * 1.5 * direct + (0.35 + 0.55 * level[..., None]) * ambient
             a = 1 - np.exp(-density * (26 / steps) * np.minimum(1 / up, 6).astype(np.float32))
             colour += (clear * a)[..., None] * tone.astype(np.float32)
             clear *= 1 - a

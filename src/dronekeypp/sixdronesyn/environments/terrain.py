@@ -1,24 +1,29 @@
-"""The ground: flat around the camera, then rolling into hills and mountains, seen by marching every column of the picture outwards."""
+"""The ground: flat around the camera, then rolling into hills and mountains, seen by marching every column of the
+picture outwards.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from .canvas import Canvas
 from .noise import fbm_tile, look, smooth
+from .shadows import Shadows
 from .sky import Daylight
-from .surfaces import SURFACES, Patch
+from .surfaces import GRAIN, SURFACES, Patch
 
 _NEAR, _FAR, _STEPS = 12.0, 40e3, 460
 
 
 @dataclass(frozen=True)
 class Relief:
-    """hills: metres of rise and their width; they start `flat` metres from the camera. mountains: metres, starting `beyond` metres away, within
-    `sector` degrees of azimuth `facing`. woods: share of the hills under trees. woods_colour: albedo. snow_line: metres above which it is white."""
+    """hills: metres of rise and their width; they start `flat` metres from the camera. mountains: metres, starting
+    `beyond` metres away, within `sector` degrees of azimuth `facing`. woods: share of the hills under trees.
+    woods_colour: albedo. snow_line: metres above which it is white.
+    """
 
     hills: float = 6.0
     width: float = 900.0
@@ -35,8 +40,10 @@ class Relief:
 
 @dataclass(frozen=True)
 class Strip:
-    """A road, path or water across the base surface: `width` metres about the line at `offset` metres left of the camera, running along `heading`
-    degrees. wobble: metres its edge wanders. marks: "road" (centre and edge lines), "bays" (parking), "". kerb: width of a light border."""
+    """A road, path or water across the base surface: `width` metres about the line at `offset` metres left of the
+    camera, running along `heading` degrees. wobble: metres its edge wanders. marks: "road" (centre and edge lines),
+    "bays" (parking), "". kerb: width of a light border. length: metres along `heading`, centred.
+    """
 
     surface: str
     heading: float = 0.0
@@ -45,64 +52,7 @@ class Strip:
     wobble: float = 0.0
     marks: str = ""
     kerb: float = 0.0
-
-
-@dataclass
-class Shadows:
-    """Sunlight left on flat ground, as two square rasters about the camera: 1 lit, 0 shaded."""
-
-    sun: np.ndarray
-    near: np.ndarray = field(default_factory=lambda: np.zeros((2048, 2048), np.uint8))
-    far: np.ndarray = field(default_factory=lambda: np.zeros((2048, 2048), np.uint8))
-    reach: tuple[float, float] = (45.0, 420.0)
-
-    def stretch(self) -> np.ndarray:
-        """Ground displacement (2,) of the shadow of a point one metre high."""
-        return -self.sun[:2] / max(self.sun[2], 0.04)
-
-    def polygon(self, points: np.ndarray) -> None:
-        """points: (N, 2) ground positions of a convex shadow."""
-        for raster, reach in zip((self.near, self.far), self.reach, strict=True):
-            pixels = (points / reach * 0.5 + 0.5) * len(raster)
-            if np.abs(pixels).max() < 30000:
-                cv2.fillConvexPoly(raster, (pixels * 16).astype(np.int32), 255, cv2.LINE_AA, 4)
-
-    def stamp(self, alpha: np.ndarray, x: float, y: float, height: float) -> None:
-        """The shadow of a picture (h, w) standing upright at (x, y), `height` metres high, broadside to the sun. alpha: uint8."""
-        fall = self.stretch() * height
-        flat = np.hypot(*self.sun[:2])
-        side = np.array([-self.sun[1], self.sun[0]]) / max(flat, 1e-6) * height / alpha.shape[0]  # metres a column
-        h, w = alpha.shape
-        for raster, reach in zip((self.near, self.far), self.reach, strict=True):
-            scale = len(raster) / (2 * reach)
-            if np.hypot(x, y) > reach + np.hypot(*fall) or np.hypot(x, y) > 3 * reach:
-                continue
-            base = (np.array([x, y]) + reach) * scale
-            down = -fall * scale / h  # raster step a row downwards in the picture
-            matrix = np.array([[side[0] * scale, down[0], 0], [side[1] * scale, down[1], 0]])
-            matrix[:, 2] = base - matrix[:, 0] * w / 2 - matrix[:, 1] * h
-            corners = matrix[:, :2] @ np.array([[0, w, 0, w], [0, 0, h, h]]) + matrix[:, 2:]
-            low = np.clip(np.floor(corners.min(1)).astype(int), 0, len(raster))
-            high = np.clip(np.ceil(corners.max(1)).astype(int) + 1, 0, len(raster))
-            if (high - low).min() <= 0:
-                continue
-            matrix[:, 2] -= low
-            shade = cv2.warpAffine(alpha, matrix, (int(high[0] - low[0]), int(high[1] - low[1])), flags=cv2.INTER_LINEAR)
-            part = raster[low[1] : high[1], low[0] : high[0]]
-            np.maximum(part, shade, out=part)
-
-    def soften(self) -> None:
-        self.near = 255 - cv2.GaussianBlur(self.near, (0, 0), 1.0)
-        self.far = 255 - self.far
-
-    def lit(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        out = []
-        for raster, reach in zip((self.near, self.far), self.reach, strict=True):
-            u, v = ((c / reach * 0.5 + 0.5) * len(raster) - 0.5 for c in (x, y))
-            u, v = np.clip(u, -10, 4000).astype(np.float32), np.clip(v, -10, 4000).astype(np.float32)
-            out.append(cv2.remap(raster, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(255,)))
-        inside = (np.abs(x) < self.reach[0] * 0.98) & (np.abs(y) < self.reach[0] * 0.98)
-        return np.where(inside, out[0], out[1]).astype(np.float32) / 255
+    length: float = 60e3
 
 
 class Terrain:
@@ -136,9 +86,14 @@ class Terrain:
         """How much of (x, y) lies in a strip, 0..1, softened over `soft` metres."""
         across, along = self.across(strip, x, y)
         if strip.wobble:
-            tile = fbm_tile(1024, 1.4, 120)
+            tile = fbm_tile(1024, 1.9, 120)
             across = across + strip.wobble * 0.5 * look(tile, along, across * 0.3, 40 + 12 * strip.wobble)
-        return np.clip((strip.width / 2 - np.abs(across)) / np.maximum(soft, 0.01 + 0.1 * strip.wobble) + 0.5, 0, 1)
+        soft = np.maximum(soft, 0.01 + 0.1 * strip.wobble)
+        inside = np.clip((strip.width / 2 - np.abs(across)) / soft + 0.5, 0, 1)
+        if strip.length < 50e3:  # rounded ends
+            bulge = strip.length / 2 - 0.3 * strip.width * (2 * across / strip.width) ** 2
+            inside = inside * np.clip((bulge - np.abs(along)) / soft + 0.5, 0, 1)
+        return inside
 
     @staticmethod
     def across(strip: Strip, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -146,38 +101,40 @@ class Terrain:
         return (y * c - x * s - np.float32(strip.offset)).astype(np.float32), (x * c + y * s).astype(np.float32)
 
     def paint(self, canvas: Canvas, shadows: Shadows) -> None:
-        columns = canvas.width // 2
-        phi = ((0.5 - (np.arange(columns) + 0.5) / columns) * 2 * np.pi).astype(np.float32)
+        phi, columns = canvas.phi, canvas.width
         distance = np.geomspace(_NEAR, _FAR, _STEPS).astype(np.float32)
         slope, seen, light = self._march(canvas, distance, phi)
         top = max(0, int(np.floor(canvas.row(np.arctan(float(seen.max()))))) - 1)
         self.water = np.zeros((canvas.height - canvas.height // 2, canvas.width), np.float16)
-        spread = np.arange(canvas.width, dtype=np.float32)[None] * (columns / canvas.width) - 0.25
+        skyline = np.arctan(seen[-1])
         for first in range(top, canvas.height, 64):
             theta = canvas.theta[first : first + 64]
             tangent = np.tan(np.maximum(theta, -1.5607))
-            index = np.empty((len(theta), columns), np.float32)
+            below = tangent < -canvas.eye / _NEAR
+            near = np.broadcast_to(canvas.eye / np.maximum(-tangent, 1e-6)[:, None], (len(theta), columns)).astype(np.float32)
+            if below.all():
+                self._band(canvas, shadows, first, near, np.ones_like(near), None, below[:, None])
+                continue
+            index = np.empty((columns, len(theta)), np.float32)
             for c in range(columns):
                 column = seen[:, c]
-                k = np.clip(np.searchsorted(column, tangent), 1, _STEPS - 1)
-                step = column[k] - column[k - 1]
-                index[:, c] = np.where(tangent > column[-1], _STEPS, k - 1 + np.clip((tangent - column[k - 1]) / np.maximum(step, 1e-9), 0, 1))
-            index = cv2.remap(
-                index, np.repeat(spread, len(theta), 0), np.repeat(np.arange(len(theta), dtype=np.float32)[:, None], canvas.width, 1),
-                cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE,
-            )
-            cover = np.clip(_STEPS - index, 0, 1)  # 0 above the skyline
-            flat = np.minimum(index, _STEPS - 1.001)
-            whole = flat.astype(np.int32)
-            part = flat - whole
+                k = np.clip(column.searchsorted(tangent), 1, _STEPS - 1)
+                low = column[k - 1]
+                index[c] = k - 1 + np.clip((tangent - low) / np.maximum(column[k] - low, 1e-9), 0, 1)
+            index = np.minimum(index.T, _STEPS - 1.001)
+            cover = np.clip((skyline - theta[:, None]) / canvas.pixel + 0.5, 0, 1)  # 0 above the skyline
+            whole = index.astype(np.int32)
+            part = index - whole
             reach = 1 / ((1 - part) / distance[whole] + part / distance[whole + 1])  # a plane's tangent is linear in 1 / distance
-            below = tangent[:, None] < -canvas.eye / _NEAR
-            reach = np.where(below, canvas.eye / np.maximum(-tangent[:, None], 1e-6), reach).astype(np.float32)
-            maps = [cv2.remap(m, np.repeat(spread, len(theta), 0), flat, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for m in light]
-            self._band(canvas, shadows, first, reach, cover, maps, below)
+            reach = np.where(below[:, None], near, reach).astype(np.float32)
+            place = np.repeat(np.arange(columns, dtype=np.float32)[None], len(theta), 0)
+            maps = [cv2.remap(m, place, index, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for m in light]
+            self._band(canvas, shadows, first, reach, cover, maps, below[:, None])
 
     def _march(self, canvas: Canvas, distance: np.ndarray, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
-        """On a polar grid (distance, azimuth): tangent of elevation, its running maximum, and maps (sunlit, skylit, wooded, bare, snowy)."""
+        """On a polar grid (distance, azimuth): tangent of elevation, its running maximum, and maps (sunlit, skylit,
+        wooded, bare, snowy).
+        """
         r = self.relief
         d, p = np.meshgrid(distance, phi, indexing="ij")
         x, y = d * np.cos(p), d * np.sin(p)
@@ -186,11 +143,14 @@ class Terrain:
         tile = fbm_tile(1024, 1.2, 130 + self.seed)
         mask = look(fbm_tile(1024, 1.5, 131 + self.seed), x, y, 3.1 * r.width + 400)
         limit = np.quantile(fbm_tile(1024, 1.5, 131 + self.seed)[::8, ::8], 1 - np.clip(r.woods, 0.001, 0.999))
-        wooded = smooth(limit - 0.08, limit + 0.08, mask + 0.12 * look(tile, x, y, 90)) * smooth(r.flat * 1.1, r.flat * 1.3 + 60, d)
-        wooded *= smooth(min(r.snow_line, 1900) * 0.95, min(r.snow_line, 1900) * 0.7, height)
+        wooded = smooth(limit - 0.08, limit + 0.08, mask + 0.12 * look(tile, x, y, 90)) * smooth(
+            max(r.flat * 1.1, 300), max(r.flat * 1.3, 340) + 60, d
+        )
+        treeline = min(r.snow_line, 1900) if r.snow_line > 0 else 1500
+        wooded *= smooth(treeline * 0.95, treeline * 0.7, height)
         for strip in self.strips:
             wooded *= 1 - self.share(strip, x, y, soft=4.0)
-        canopy = 9 + 3.0 * look(tile, x, y, 130) + 2.2 * look(fbm_tile(1024, 0.6, 132, 40, 400), x, y, 260)
+        canopy = 10 + 2.5 * look(tile, x, y, 130) + 1.5 * look(fbm_tile(1024, 1.0, 132, 12, 60), x, y, 260)
         height = height + wooded * np.maximum(canopy, 0)
         away = np.gradient(height, axis=0) / np.gradient(distance)[:, None]
         around = (np.roll(height, -1, 1) - np.roll(height, 1, 1)) / (2 * d * (phi[1] - phi[0]))
@@ -202,23 +162,33 @@ class Terrain:
         up = 1 / np.sqrt(1 + nx * nx + ny * ny)
         sun = self.light.sun
         sunlit = np.clip((nx * sun[0] + ny * sun[1] + sun[2]) * up, 0, 1)
+        soft = 0.25 + 0.6 * max(float(sun[2]), 0.0)  # a wood's edge is no wall: leaves face every way
+        sunlit = sunlit + 0.6 * wooded * (soft - sunlit)
         slope_ground = np.abs(np.gradient(ground, axis=0) / np.gradient(distance)[:, None])
         bare = smooth(0.45, 0.8, slope_ground + 0.1 * look(tile, x, y, 900)) * smooth(40, 160, ground)
-        bare = np.maximum(bare, smooth(1300, 1900, ground))
-        snowy = smooth(r.snow_line * 0.85, r.snow_line * 1.1, ground + 90 * look(tile, x, y, 700)) * smooth(1.3, 0.7, slope_ground)
+        bare = np.maximum(bare, smooth(1300, 1900, ground)) if r.snow_line > 0 else bare * 0.5
+        snowy = np.zeros_like(d)  # a snow line under 0 means that the surface itself is snow
+        if r.snow_line > 0:
+            snowy = smooth(r.snow_line * 0.85, r.snow_line * 1.1, ground + 90 * look(tile, x, y, 700)) * smooth(1.3, 0.7, slope_ground)
         tangent = ((height - canvas.eye) / d).astype(np.float32)
         seen = np.maximum.accumulate(tangent, 0) + np.arange(_STEPS, dtype=np.float32)[:, None] * 1e-8
-        maps = [m.astype(np.float32) for m in (sunlit, 0.5 + 0.5 * up, wooded, bare * (1 - wooded), snowy)]
+        maps = [m.astype(np.float32) for m in (sunlit, 0.5 + 0.5 * up, smooth(0.02, 0.3, wooded), bare * (1 - wooded), snowy)]
         return tangent, seen, maps
 
     def _band(self, canvas, shadows, first, reach, cover, maps, below) -> None:
+        if maps is None:  # the flat foreground
+            maps = [np.zeros((1, 1), np.float32)] * 5
         sunlit, skylit, wooded, bare, snowy = maps
         phi = canvas.phi[None]
         x, y = reach * np.cos(phi), reach * np.sin(phi)
         middle = np.median(reach, 1)
-        footprint = middle * canvas.pixel * np.sqrt(np.clip(middle / canvas.eye, 1, 9))
+        footprint = middle * canvas.pixel * np.clip(middle / canvas.eye, 1, 30) ** 0.25
         patch = Patch(x, y, footprint, self.light.sun, self.seed)
         albedo = SURFACES[self.surface](patch)
+        # What stands on the ground (blades, stones) keeps a grain at any distance.
+        rng = np.random.default_rng((self.seed, first, 5))
+        grain = cv2.GaussianBlur(rng.standard_normal(x.shape, dtype=np.float32), (0, 0), sigmaX=0.6, sigmaY=0.9)
+        albedo *= np.exp(GRAIN.get(self.surface, 0.2) * grain)[..., None]
         water = np.zeros_like(x)
         for strip in self.strips:
             share = self.share(strip, x, y, soft=footprint[:, None])
@@ -230,7 +200,10 @@ class Terrain:
             albedo += share[..., None] * (self._strip(strip, patch) - albedo)
         r = self.relief
         if wooded.any():
-            rough = np.exp(0.22 * patch.noise(60, 0.7, 60) + 0.25 * patch.noise(310, 0.8, 61))
+            # Crowns are seen from the side: their texture stands upright, in metres along the horizon and up.
+            rise = reach * np.tan(canvas.theta[first : first + len(reach)])[:, None]
+            side = Patch((phi * reach).astype(np.float32), rise.astype(np.float32), middle * canvas.pixel, self.light.sun, self.seed)
+            rough = np.exp(0.5 * side.noise(17, 0.8, 60) + 0.3 * side.noise(75, 1.1, 63) + 0.2 * patch.noise(310, 0.8, 61))
             shade = np.asarray(r.woods_colour, np.float32) * rough[..., None]
             albedo += wooded[..., None] * (shade - albedo)
         if bare.any():
@@ -274,11 +247,14 @@ class Terrain:
         return colour
 
     def paint_water(self, canvas: Canvas, waves: float, deep: tuple[float, float, float]) -> None:
-        """Mirror what is already painted above the horizon in the water. waves: slope of the ripples, about 0.01 (calm) to 0.15."""
+        """Mirror what is already painted above the horizon in the water. waves: slope of the ripples, about 0.01
+        (calm) to 0.15.
+        """
         if self.water is None or not self.water.any():
             return
         half = canvas.height // 2
         rows = np.flatnonzero(self.water.any(1))
+        limit = 9 * float(np.median(canvas.image[half // 2 : half : 8, ::8]))  # the sun's image, clipped
         for first in range(rows[0], rows[-1] + 1, 64):
             share = self.water[first : min(first + 64, rows[-1] + 1)].astype(np.float32)
             theta = canvas.theta[half + first : half + first + len(share)][:, None]
@@ -286,19 +262,28 @@ class Terrain:
             x, y = (reach * np.cos(canvas.phi)).astype(np.float32), (reach * np.sin(canvas.phi)).astype(np.float32)
             footprint = (reach[:, 0] * canvas.pixel * np.sqrt(np.clip(reach[:, 0] / canvas.eye, 1, 16))).astype(np.float32)
             patch = Patch(x, y, footprint, self.light.sun, self.seed)
-            ripple = [patch.noise(1.4, 1.0, 80) + patch.noise(6.7, 1.2, 81) + 0.7 * patch.noise(47, 1.3, 82) for patch in (patch, _moved(patch))]
+            ripple = [
+                patch.noise(1.4, 1.0, 80) + patch.noise(6.7, 1.2, 81) + 0.7 * patch.noise(47, 1.3, 82) for patch in (patch, _moved(patch))
+            ]
             # What no pixel resolves still tilts the mirror: jitter it instead, finer with distance.
             rng = np.random.default_rng((self.seed, first, 3))
-            hidden = smooth(0.0, 0.5, footprint)[:, None] * rng.standard_normal(x.shape, dtype=np.float32)
-            tilt = np.float32(waves) * (ripple[0] + 1.2 * hidden)
-            up = np.abs(-theta + 1.6 * tilt + 0.5 * waves)
-            column = np.arange(canvas.width, dtype=np.float32)[None] + np.float32(0.8 * waves) * ripple[1] / canvas.pixel * np.minimum(1, -theta * 8)
-            row = np.clip((0.5 - up / np.pi) * canvas.height - 0.5, 0, half - 1).astype(np.float32)
-            mirror = cv2.remap(canvas.image[:half], column.astype(np.float32), row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+            hidden = cv2.GaussianBlur(
+                rng.standard_normal(x.shape, dtype=np.float32), (0, 0), sigmaX=3.0, sigmaY=0.7, borderType=cv2.BORDER_REFLECT
+            )
+            hidden *= smooth(0.0, 0.5, footprint)[:, None] * 1.8
+            tilt = np.float32(waves) * (ripple[0] + hidden)
+            column = np.arange(canvas.width, dtype=np.float32)[None] + np.float32(0.8 * waves) * ripple[1] / canvas.pixel * np.minimum(
+                1, -theta * 8
+            )
+            mirror = 0
+            for spread in (-1.3, -0.4, 0.4, 1.3):  # a pixel holds many small waves
+                up = np.abs(-theta + 1.6 * tilt + (0.8 + 0.9 * spread) * waves)
+                row = np.clip((0.5 - up / np.pi) * canvas.height - 0.5, 0, half - 1).astype(np.float32)
+                seen = cv2.remap(canvas.image[:half], column.astype(np.float32), row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+                mirror = mirror + 0.25 * np.minimum(seen, limit)
             facing = np.clip(np.sin(np.clip(-theta + tilt, 0.03, 1.5)), 0, 1)
             fresnel = (0.02 + 0.98 * (1 - facing) ** 5)[..., None]
             body = np.asarray(deep, np.float32) * (self.light.sun_colour * max(self.light.sun[2], 0) + self.light.sky_colour) / np.pi
-            mirror = np.minimum(mirror, 12 * max(float(np.median(mirror)), 1e-3))
             colour = (fresnel * mirror + (1 - fresnel) * body).astype(np.float32)
             canvas.paste(colour, share, half + first, np.arange(canvas.width))
 

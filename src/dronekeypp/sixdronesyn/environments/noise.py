@@ -1,7 +1,10 @@
-"""Seeded, tileable noise, and fast lookups into it. Everything the procedural environments call "texture" starts here."""
+"""Seeded, tileable noise, and fast lookups into it. Everything the procedural environments call "texture" starts
+here.
+"""
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from functools import lru_cache
 
 import cv2
@@ -9,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 
-@lru_cache(maxsize=24)
+@lru_cache(maxsize=20)
 def fbm_tile(size: int = 1024, slope: float = 1.8, seed: int = 0, low: float = 1.0, high: float = 1e9) -> np.ndarray:
     """A (size, size) float32 tile of fractal noise: mean 0, deviation 1, seamless.
 
@@ -25,21 +28,24 @@ def fbm_tile(size: int = 1024, slope: float = 1.8, seed: int = 0, low: float = 1
     return (tile / tile.std()).astype(np.float32)
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=10)
 def cell_tile(size: int = 1024, cells: int = 60, seed: int = 0, jitter: float = 0.9) -> tuple[np.ndarray, np.ndarray]:
-    """Voronoi cells, seamless: (distance to the border between cells in cells' widths, a random number in [0, 1) a cell)."""
+    """Voronoi cells, seamless: (how far inside its cell, a random shade a cell), both mean 0, deviation 1."""
     rng = np.random.default_rng((seed, cells, 11))
     grid = np.stack(np.meshgrid(np.arange(cells), np.arange(cells), indexing="ij"), -1).reshape(-1, 2)
     points = (grid + 0.5 + jitter * (rng.random(grid.shape) - 0.5)) % cells
     where = (np.stack(np.meshgrid(np.arange(size), np.arange(size), indexing="ij"), -1).reshape(-1, 2) + 0.5) * cells / size
     distance, index = cKDTree(points, boxsize=cells).query(where, k=2)
-    border = (distance[:, 1] - distance[:, 0]).reshape(size, size).astype(np.float32)
-    return border, rng.random(len(points)).astype(np.float32)[index[:, 0]].reshape(size, size)
+    inside = np.minimum(distance[:, 1] - distance[:, 0], 0.35)
+    shade = rng.random(len(points))[index[:, 0]]
+    return tuple(((t - t.mean()) / t.std()).reshape(size, size).astype(np.float32) for t in (inside, shade))
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=2)
 def blade_tile(size: int = 2048, blades: int = 60000, length: float = 0.02, seed: int = 0) -> np.ndarray:
-    """Grass seen from above: strokes of random direction and shade, later ones on top. (size, size) float32, mean 0, deviation 1, seamless."""
+    """Grass seen from above: strokes of random direction and shade, later ones on top. (size, size) float32, mean 0,
+    deviation 1, seamless.
+    """
     rng = np.random.default_rng((seed, blades, 13))
     tile = np.full((size, size), 40, np.uint8)
     start = rng.random((blades, 2)) * size
@@ -58,20 +64,27 @@ def blade_tile(size: int = 2048, blades: int = 60000, length: float = 0.02, seed
     return (tile - tile.mean()) / tile.std()
 
 
-@lru_cache(maxsize=64)
-def _reduced(key: int, level: int) -> np.ndarray:
-    tile = _TILES[key]
-    return cv2.resize(tile, None, fx=0.5**level, fy=0.5**level, interpolation=cv2.INTER_AREA)
+_PYRAMIDS: OrderedDict[int, list[np.ndarray]] = OrderedDict()
 
 
-_TILES: dict[int, np.ndarray] = {}
+def _reduced(tile: np.ndarray, level: int) -> np.ndarray:
+    """The tile halved `level` times; the last few tiles' reductions are kept."""
+    pyramid = _PYRAMIDS.get(id(tile))
+    if pyramid is None or pyramid[0] is not tile:
+        pyramid = _PYRAMIDS[id(tile)] = [tile]
+        if len(_PYRAMIDS) > 16:
+            _PYRAMIDS.popitem(last=False)
+    while len(pyramid) <= level:
+        pyramid.append(cv2.resize(pyramid[-1], None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
+    return pyramid[level]
 
 
 def look(tile: np.ndarray, x: np.ndarray, y: np.ndarray, period: float, level: int = 0) -> np.ndarray:
-    """The tile, repeated every `period` metres, at ground positions x, y (2-D float32 arrays). level: halvings, against aliasing."""
+    """The tile, repeated every `period` metres, at ground positions x, y (2-D float32 arrays). level: halvings,
+    against aliasing.
+    """
     if level:
-        _TILES[id(tile)] = tile
-        tile = _reduced(id(tile), level)
+        tile = _reduced(tile, level)
     size = tile.shape[0]
     u, v = x * np.float32(1 / period), y * np.float32(1 / period)
     u -= np.floor(u)
@@ -83,7 +96,8 @@ def look(tile: np.ndarray, x: np.ndarray, y: np.ndarray, period: float, level: i
 
 
 def look_fading(tile: np.ndarray, x: np.ndarray, y: np.ndarray, period: float, footprint: np.ndarray) -> np.ndarray:
-    """As `look`, but each row picks the halving that fits its pixels' footprint (metres, one a row), so that nothing aliases or shimmers.
+    """As `look`, but each row picks the halving that fits its pixels' footprint (metres, one a row), so that nothing
+    aliases or shimmers.
 
     Past the coarsest level the texture fades into its mean, 0.
     """

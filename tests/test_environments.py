@@ -1,0 +1,116 @@
+"""Procedural panoramas and lookups into panoramas."""
+
+import numpy as np
+import pytest
+
+from dronekeypp.errors import InputError
+from dronekeypp.sixdronesyn.environments import ENVIRONMENTS, environment_spec, render_environment
+from dronekeypp.sixdronesyn.panorama import Panorama, load_panorama
+
+SUNNY = ("city_square", "snowy_village", "rooftop")  # clear enough that the sun's disc shows
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    return {name: render_environment(name, 128) for name in SUNNY}
+
+
+def unit(azimuth, elevation):
+    """Direction of an azimuth and elevation in degrees."""
+    a, e = np.radians(azimuth), np.radians(elevation)
+    return np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+
+
+def test_there_are_22_different_places():
+    assert len(ENVIRONMENTS) == 22 and len(set(ENVIRONMENTS)) == 22
+    for name in ENVIRONMENTS:
+        spec = environment_spec(name)
+        assert spec.name == name and -90 < spec.sun_elevation < 90
+
+
+def test_every_split_is_varied():
+    test = [environment_spec(ENVIRONMENTS[i]) for i in (3, 7, 11, 15, 19)]
+    assert len({s.surface for s in test}) >= 4
+    heights = [s.sun_elevation for s in test]
+    assert max(heights) - min(heights) > 20
+
+
+def test_shape_and_the_same_pixels_again(drawn):
+    for image in drawn.values():
+        assert image.shape == (128, 256, 3) and image.dtype == np.uint8
+    assert np.array_equal(drawn["snowy_village"], render_environment("snowy_village", 128))
+
+
+def test_another_seed_draws_another_picture(drawn):
+    other = render_environment("city_square", 128, seed=1)
+    assert np.abs(other.astype(int) - drawn["city_square"]).mean() > 2
+
+
+@pytest.mark.parametrize("name", SUNNY)
+def test_the_picture_closes_at_its_back(drawn, name):
+    """Across the seam columns differ no more than neighbours do elsewhere."""
+    image = drawn[name].astype(float)
+    steps = np.abs(np.diff(image, axis=1)).mean((0, 2))
+    seam = np.abs(image[:, 0] - image[:, -1]).mean()
+    assert seam < np.quantile(steps, 0.99) + 3
+
+
+@pytest.mark.parametrize("name", SUNNY)
+def test_the_light_comes_from_the_sun(drawn, name):
+    spec = environment_spec(name)
+    light = Panorama(drawn[name]).light()
+    sun = unit(spec.sun_azimuth, spec.sun_elevation)
+    assert np.degrees(np.arccos(np.clip(light.direction @ sun, -1, 1))) < 8
+    assert light.sun_colour.min() > 0.05 and light.sky_colour.shape == light.ground_colour.shape == (3,)
+
+
+def test_light_turns_with_the_environment(drawn):
+    panorama = Panorama(drawn["rooftop"])
+    a, b = panorama.light(0).direction, panorama.light(1).direction
+    assert np.allclose(b, [-a[1], a[0], a[2]])
+
+
+@pytest.mark.parametrize("turn", range(4))
+def test_sample_finds_a_coloured_patch(turn):
+    height = 256
+    image = np.zeros((height, 2 * height, 3), np.uint8)
+    azimuth, elevation = 72.0, 20.0
+    u, v = int((0.5 - azimuth / 360) * 2 * height), int((0.5 - elevation / 180) * height)
+    image[v - 4 : v + 5, u - 4 : u + 5] = (200, 30, 90)
+    panorama = Panorama(image)
+    there = unit(azimuth + 90 * turn, elevation)
+    assert panorama.sample(there, turn).tolist() == [200, 30, 90]
+    assert panorama.sample(-there, turn).tolist() == [0, 0, 0]
+    assert panorama.sample(np.tile(there, (5, 7, 2, 1)), turn).shape == (5, 7, 2, 3)
+
+
+def test_sample_is_seamless_and_reaches_the_poles():
+    height = 64
+    image = np.broadcast_to(np.linspace(0, 255, height)[:, None, None], (height, 2 * height, 3)).astype(np.uint8)
+    panorama = Panorama(image)
+    around = np.stack([unit(180 + d, 10) for d in np.linspace(-2, 2, 41)])
+    assert np.ptp(panorama.sample(around)[:, 0].astype(int)) <= 1
+    top, bottom = panorama.sample(np.array([[0, 0, 1.0], [0, 0, -1.0]]))[:, 0]
+    assert top < 6 and bottom > 249
+
+
+def test_unknown_name_and_bad_height_are_told():
+    with pytest.raises(InputError, match="atlantis.*choose one of"):
+        environment_spec("atlantis")
+    with pytest.raises(InputError, match="height must be"):
+        render_environment(ENVIRONMENTS[0], 7)
+
+
+def test_broken_files_are_named(tmp_path):
+    import cv2
+
+    broken = tmp_path / "broken.jpg"
+    broken.write_bytes(b"\xff\xd8\xff not a picture")
+    with pytest.raises(InputError, match="broken.jpg.*not a readable image"):
+        load_panorama(broken)
+    square = tmp_path / "square.png"
+    cv2.imwrite(str(square), np.zeros((64, 64, 3), np.uint8))
+    with pytest.raises(InputError, match="square.png.*2:1"):
+        load_panorama(square)
+    with pytest.raises(InputError, match="no such panorama"):
+        load_panorama(tmp_path / "absent.jpg")

@@ -1,0 +1,339 @@
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from conftest import SMALL
+
+from dronekeypp import camera
+from dronekeypp.errors import InputError
+from dronekeypp.sixdronesyn import bop, scenes
+from dronekeypp.sixdronesyn.dataset import SixDroneSyn, read_image
+from dronekeypp.sixdronesyn.drones import DRONES
+from dronekeypp.sixdronesyn.generate import Flight, generate
+from dronekeypp.sixdronesyn.validate import validate
+
+
+def files(root):
+    """Everything a data set holds, by relative path; the manifest without its volatile parts."""
+    return {p.relative_to(root).as_posix(): p.read_bytes() for p in Path(root).rglob("*") if p.is_file()}
+
+
+def test_what_is_generated_is_sound(small_dataset):
+    assert validate(small_dataset) == []
+    manifest = bop.read_json(small_dataset / "manifest.json")
+    assert manifest["frames"] == {"train": 24, "val": 24, "test": 24}
+    assert manifest["planned_frames"] == 72
+
+
+def test_same_seed_same_bytes_on_more_workers_and_shards(small_dataset, environments, tmp_path):
+    generate(tmp_path / "again", environments=environments, **SMALL, shard=(1, 2), workers=2)
+    generate(tmp_path / "again", environments=environments, **SMALL, shard=(0, 2))
+    assert files(tmp_path / "again") == files(small_dataset)
+
+
+def test_another_seed_gives_other_frames(small_dataset, environments, tmp_path):
+    less = SMALL | dict(scene_numbers=[1], drone_names=["Tello"])
+    manifest = generate(tmp_path / "other", environments=environments, seed=7, **less)
+    old = bop.read_json(small_dataset / "manifest.json")
+    for name, flight in manifest["flights"].items():
+        assert flight["digests"] != old["flights"][name]["digests"]
+
+
+def test_killed_generator_resumes_with_nothing_lost_or_doubled(small_dataset, environments, tmp_path):
+    root = tmp_path / "killed"
+    command = [sys.executable, "-m", "dronekeypp", "generate", str(root), "--environments", str(environments)]
+    command += ["--scenes", "1,3,6", "--drones", "Mini2,Tello", "--size", "64", "--stride", "30"]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    deadline = time.time() + 60
+    while time.time() < deadline and len(list(root.rglob("*.jpg"))) < 10:
+        time.sleep(0.01)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    before = {p: p.stat().st_mtime_ns for p in root.rglob("*.jpg") if ".partial" not in p.parts}
+    assert "flights" not in bop.read_json(root / "manifest.json")
+    assert any("has not finished" in fault for fault in validate(root))
+    generate(root, environments=environments, **SMALL)
+    assert all(p.stat().st_mtime_ns == when for p, when in before.items())
+    assert files(root) == files(small_dataset)
+
+
+def test_torn_partial_frames_are_rendered_again(small_dataset, environments, tmp_path):
+    root = tmp_path / "torn"
+    shutil.copytree(small_dataset, root)
+    whole = root / "test" / "000610"
+    partial = root / ".partial" / "000610"
+    partial.parent.mkdir()
+    whole.rename(partial)
+    digests = bop.read_json(partial / "flight.json")["digests"]
+    numbers = sorted(digests, key=int)
+    lines = [json.dumps([int(n), digests[n][0]]) for n in numbers]
+    (partial / "frames.jsonl").write_text("\n".join(lines[:3]) + "\n" + lines[3][:5])  # the fourth line was being written
+    torn = bop.image_path(partial, int(numbers[1]))
+    torn.write_bytes(torn.read_bytes()[:200])  # and the second image had not reached the disk
+    generate(root, environments=environments, **SMALL)
+    assert files(root) == files(small_dataset)
+
+
+def test_other_settings_in_the_same_folder_are_refused(small_dataset, environments):
+    with pytest.raises(InputError, match="another size .64, now 96."):
+        generate(small_dataset, environments=environments, **(SMALL | dict(size=96)))
+
+
+def test_a_folder_with_other_things_is_refused(tmp_path, environments):
+    (tmp_path / "thesis.tex").write_text("do not lose me")
+    with pytest.raises(InputError, match="not empty"):
+        generate(tmp_path, environments=environments, **SMALL)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (dict(scene_numbers=[14]), "scene 14"),
+        (dict(drone_names=["Phantom"]), "Phantom"),
+        (dict(frames="video"), "crop or full"),
+        (dict(size=8), "size 8"),
+        (dict(stride=0), "stride"),
+        (dict(shard=(2, 2)), "shard 2/2"),
+        (dict(environments="nowhere"), "no such folder"),
+    ],
+)
+def test_bad_arguments(tmp_path, change, message):
+    with pytest.raises(InputError, match=message):
+        generate(tmp_path / "out", **(SMALL | change))
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_corrupt_environment_is_named(tmp_path):
+    (tmp_path / "env").mkdir()
+    (tmp_path / "env" / "broken.jpg").write_bytes(b"\xff\xd8 this is no panorama")
+    with pytest.raises(InputError, match="broken.jpg"):
+        generate(tmp_path / "out", environments=tmp_path / "env", **SMALL)
+
+
+def test_no_opengl_names_the_package(monkeypatch, tmp_path, environments):
+    from dronekeypp.sixdronesyn import render
+
+    render.check_opengl.cache_clear()
+    monkeypatch.setattr(render.subprocess, "run", lambda *a, **k: subprocess.CompletedProcess(a, -11, "", "Segmentation fault"))
+    with pytest.raises(InputError, match="libegl1 libgl1-mesa-dri"):
+        generate(tmp_path / "out", environments=environments, **SMALL)
+    render.check_opengl.cache_clear()
+
+
+@pytest.mark.parametrize("subsequence", [scenes.Subsequence(6, "Mini2", 0), scenes.Subsequence(7, "Mav3", 1), scenes.Subsequence(4, "Tello", 2)])
+def test_the_crop_is_the_picture_the_full_frame_gives(subsequence, environments):
+    """The stored crop against the same square cut out of the full frame: JPEG aside they differ only by how finely the drone was drawn."""
+    paths = sorted(environments.iterdir())
+    crop = Flight(subsequence, dict(seed=0, frames="crop", size=128), paths)
+    full = Flight(subsequence, dict(seed=0, frames="full", size=None), paths)
+    a = [crop.annotate(n) for n in (0, 60)]
+    b = [full.annotate(n) for n in (0, 60)]
+    crop.open(a)
+    full.open(b)
+    for small, large in zip(a, b, strict=True):
+        picture, whole = crop.picture(small).astype(int), full.picture(large)
+        assert whole.shape == (1080, 1920, 3)
+        cut = camera.crop_image(whole, small.square, 128).astype(int)
+        difference = np.abs(picture - cut)
+        assert difference.mean() < 1.0
+        assert np.percentile(difference, 99) < 12
+        # and shifted by a single pixel they would differ clearly more
+        assert np.abs(picture - np.roll(cut, 1, axis=1)).mean() > 1.5 * difference.mean()
+
+
+def test_the_drawn_drone_fills_its_box(environments):
+    """Pixels that differ from the empty background must lie inside the annotated box and reach near all of its sides."""
+    flight = Flight(scenes.Subsequence(4, "Air3", 0), dict(seed=0, frames="full", size=None), sorted(environments.iterdir()))
+    frame = flight.annotate(30)
+    flight.open([frame])
+    changed = (np.abs(flight.picture(frame).astype(int) - flight.background) > 6).any(-1)
+    x, y, w, h = frame.box
+    ys, xs = np.nonzero(changed)
+    assert xs.min() >= x - 1 and xs.max() <= x + w + 1 and ys.min() >= y - 1 and ys.max() <= y + h + 1
+    assert xs.max() - xs.min() > 0.75 * w and ys.max() - ys.min() > 0.6 * h
+
+
+def test_hub_visibility_from_above_and_below():
+    """A camera straight above sees every hub; one far below the drone sees fewer."""
+    from dronekeypp.sixdronesyn.render import SelfOcclusion
+
+    look_down = np.array([[0.0, -1, 0], [-1, 0, 0], [0, 0, -1]])  # camera←body with the camera above, the drone's z towards it
+    look_up = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+    for name, drone in DRONES.items():
+        occlusion = SelfOcclusion(name)
+        assert occlusion.visible(drone.hubs, look_down, np.array([0, 0, 3.0])).all(), name
+        assert not occlusion.visible(drone.hubs, look_up, np.array([0, 0, 3.0])).all(), name
+
+
+def test_coco_export_is_in_the_stored_images_pixels(small_dataset):
+    coco = bop.read_json(small_dataset / "coco_test.json")
+    assert len(coco["images"]) == len(coco["annotations"]) == 24
+    assert coco["categories"][1]["name"] == "Mini2" and len(coco["categories"][0]["keypoints"]) == 4
+    for image, note in zip(coco["images"], coco["annotations"], strict=True):
+        assert (small_dataset / image["file_name"]).exists()
+        x, y, w, h = note["bbox"]
+        assert x >= -0.1 and y >= -0.1 and x + w <= 64.1 and y + h <= 64.1
+        points = np.array(note["keypoints"]).reshape(4, 3)
+        assert (points[:, 0] >= x - 0.1).all() and (points[:, 0] <= x + w + 0.1).all() and set(points[:, 2]) <= {1, 2}
+
+
+def test_models_info_holds_the_hubs_in_millimetres(small_dataset):
+    info = bop.read_json(small_dataset / "models" / "models_info.json")
+    np.testing.assert_allclose(info["2"]["keypoints"], DRONES["Mini2"].hubs * 1000, atol=1e-3)
+    assert (small_dataset / "models" / "obj_000007.ply").exists()
+
+
+# --- validate names each fault ------------------------------------------------------------------------------------------------------------
+
+
+def _edit(path, change):
+    data = json.loads(path.read_text())
+    change(data)
+    path.write_text(json.dumps(data))
+
+
+def _gt(key, value):
+    return lambda root: _edit(root / "test/000610/scene_gt.json", lambda d: d["30"][0].update({key: value}))
+
+
+def _camera(key, value):
+    return lambda root: _edit(root / "test/000610/scene_camera.json", lambda d: d["30"].update({key: value}))
+
+
+def _truncate(root):
+    path = root / "test/000610/rgb/000030.jpg"
+    path.write_bytes(path.read_bytes()[:-40])
+
+
+def _repaint(root):
+    path = root / "test/000610/rgb/000030.jpg"
+    cv2.imwrite(str(path), np.zeros((64, 64, 3), np.uint8))
+
+
+IDENTITY = [1, 0, 0, 0, 1, 0, 0, 0, 1]
+FAULTS = {
+    "truncated JPEG": (_truncate, ["000030.jpg", "truncated"]),
+    "image deleted": (lambda root: (root / "test/000610/rgb/000030.jpg").unlink(), ["000030.jpg", "missing"]),
+    "other image": (_repaint, ["000030.jpg", "digest"]),
+    "missing annotation": (lambda root: _edit(root / "test/000610/scene_gt.json", lambda d: d.pop("30")), ["scene_gt.json frame 30", "no annotation"]),
+    "missing field": (
+        lambda root: _edit(root / "test/000610/scene_gt.json", lambda d: d["30"][0].pop("cam_R_m2c")),
+        ["scene_gt.json frame 30", "cam_R_m2c is missing"],
+    ),
+    "NaN pose": (_gt("cam_t_m2c", [float("nan"), 0, 2000]), ["scene_gt.json frame 30", "NaN"]),
+    "no rotation": (_gt("cam_R_m2c", [1.1, *IDENTITY[1:]]), ["scene_gt.json frame 30", "orthonormal"]),
+    "reflection": (_gt("cam_R_m2c", [-1, *IDENTITY[1:]]), ["scene_gt.json frame 30", "reflection"]),
+    "other pose": (_gt("cam_R_m2c", IDENTITY), ["scene_gt.json frame 30", "from R · hubs + t"]),
+    "moved keypoints": (_gt("keypoints_2d", [0.0] * 8), ["scene_gt.json frame 30", "px from the projection"]),
+    "unknown drone": (_gt("obj_id", 9), ["scene_gt.json frame 30", "obj_id 9"]),
+    "wrong intrinsics shape": (_camera("cam_K", [1, 0, 0, 1]), ["scene_camera.json frame 30", "cam_K holds 4 numbers"]),
+    "transposed intrinsics": (_camera("cam_K", [1500, 0, 0, 0, 1500, 0, 960, 540, 1]), ["scene_camera.json frame 30", "transposed"]),
+    "box without area": (
+        lambda root: _edit(root / "test/000610/scene_gt_info.json", lambda d: d["30"][0].update(bbox_obj=[5, 5, 0, 9])),
+        ["scene_gt_info.json frame 30", "no area"],
+    ),
+    "box outside": (
+        lambda root: _edit(root / "test/000610/scene_gt_info.json", lambda d: d["30"][0].update(bbox_obj=[-5, 5, 3000, 2000])),
+        ["frame 30", "outside the frame"],
+    ),
+    "flight missing": (lambda root: shutil.rmtree(root / "test/000610"), ["000610", "missing"]),
+    "flight in two splits": (lambda root: shutil.copytree(root / "test/000610", root / "train/000610"), ["000610", "two splits"]),
+    "not JSON": (lambda root: (root / "test/000610/scene_gt.json").write_text("{"), ["scene_gt.json", "not valid JSON"]),
+    "stray image": (lambda root: shutil.copy(root / "test/000610/rgb/000030.jpg", root / "test/000610/rgb/000031.jpg"), ["000031.jpg", "without"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_validate_names_the_fault(name, small_dataset, tmp_path):
+    root = tmp_path / "broken"
+    shutil.copytree(small_dataset, root)
+    damage, words = FAULTS[name]
+    damage(root)
+    faults = validate(root)
+    assert any(all(word in fault for word in words) for fault in faults), faults
+
+
+def test_validate_without_a_manifest(tmp_path):
+    with pytest.raises(InputError, match="manifest.json: missing"):
+        validate(tmp_path)
+
+
+def test_command_line_exit_status(small_dataset, tmp_path, capsys):
+    from dronekeypp.cli import main
+
+    assert main(["validate", str(small_dataset)]) == 0
+    assert main(["validate", str(tmp_path)]) == 2
+    assert capsys.readouterr().err.startswith("error: ")
+    assert main(["generate", str(tmp_path / "x"), "--scenes", "99"]) == 2
+
+
+# --- the torch data set -------------------------------------------------------------------------------------------------------------------
+
+
+def test_items(small_dataset):
+    data = SixDroneSyn(small_dataset, "test", size=48)
+    assert len(data) == 24
+    item = data[5]
+    assert item["image"].shape == (3, 48, 48) and 0 <= item["image"].min() and item["image"].max() <= 1
+    pixels = camera.from_crop(item["keypoints"], item["square"])
+    np.testing.assert_allclose(pixels, camera.project(item["keypoints_3d"] + item["t"], item["K"]), atol=0.01)
+    hubs = DRONES[list(DRONES)[int(item["label"])]].hubs
+    np.testing.assert_allclose(item["keypoints_3d"], hubs @ item["R"].numpy().T, atol=1e-5)
+
+
+def test_augmentation_depends_on_seed_epoch_and_index_alone(small_dataset):
+    a, b = (SixDroneSyn(small_dataset, "train", augment=True, seed=3) for _ in range(2))
+    first = a.square(4)
+    a.set_epoch(1)
+    assert not np.allclose(a.square(4), first)
+    b.square(7)
+    np.testing.assert_array_equal(b.square(4), first)
+
+
+def test_augmented_crops_keep_the_drone_inside(small_dataset):
+    data = SixDroneSyn(small_dataset, "train", augment=True)
+    for epoch in range(5):
+        data.set_epoch(epoch)
+        for i in range(len(data)):
+            box = camera.to_crop(np.array([data.frames[i].box[:2], data.frames[i].box[:2] + data.frames[i].box[2:]]), data.square(i))
+            assert box.min() > -0.01 and box.max() < 1.01
+
+
+def test_a_training_crop_shows_what_the_stored_one_shows(small_dataset):
+    """Cutting the stored crop's own square must give the stored crop back."""
+    data = SixDroneSyn(small_dataset, "test", size=64)
+    data.square = lambda i: data.frames[i].square
+    stored = data.stored_image(3).astype(float)
+    np.testing.assert_allclose(data[3]["image"].permute(1, 2, 0).numpy() * 255, stored, atol=0.51)
+
+
+def test_no_frames_of_a_split(small_dataset):
+    with pytest.raises(InputError, match="no val frames"):
+        SixDroneSyn(small_dataset, "val", drones=["Mav3"])
+
+
+def test_read_image_errors(tmp_path):
+    with pytest.raises(InputError, match="missing"):
+        read_image(tmp_path / "none.jpg")
+    (tmp_path / "text.jpg").write_text("hello")
+    with pytest.raises(InputError, match="not a JPEG"):
+        read_image(tmp_path / "text.jpg")
+
+
+def test_recolouring_changes_light_and_nothing_else():
+    from dronekeypp.sixdronesyn.dataset import recolour
+
+    image = np.random.default_rng(0).integers(40, 180, (32, 32, 3), dtype=np.uint8)
+    a, b = (recolour(image, np.random.default_rng(3)) for _ in range(2))
+    np.testing.assert_array_equal(a, b)
+    assert a.shape == image.shape and np.abs(a.astype(int) - image).mean() > 3
+    grey, recoloured = image.mean(-1).ravel(), a.mean(-1).ravel()
+    assert np.corrcoef(grey, recoloured)[0, 1] > 0.9
