@@ -1,4 +1,4 @@
-"""A small data set in memory: four coloured dots, drawn where true propellers of made-up drones would be seen. Items as in `SixDroneSyn`."""
+"""A small data set in memory: four coloured dots where the propellers of made-up drones would be seen. Items as in `SixDroneSyn`."""
 
 import math
 
@@ -13,16 +13,16 @@ K = torch.tensor([[1500.0, 0.0, 960.0], [0.0, 1500.0, 540.0], [0.0, 0.0, 1.0]])
 
 
 class FakeDrones(torch.utils.data.Dataset):
-    """`n` frames of `classes` drones whose sizes and proportions differ; level flight with up to `tilt` degrees of lean."""
+    """`n` frames of `classes` drones of different sizes, heading up to `yaw` and leaning up to `tilt` degrees either way."""
 
-    def __init__(self, n=32, size=32, seed=0, classes=7, tilt=20.0, scenes=(1, 2), far=6.0):
+    def __init__(self, n=32, size=32, seed=0, classes=7, yaw=180.0, tilt=20.0, scenes=(1, 2), far=6.0):
         draw = torch.Generator().manual_seed(seed)
         u = torch.rand(n, 6, generator=draw)
         label = torch.randint(classes, (n,), generator=draw)
         # hubs: 0.06 to 0.18 m sideways, and a length-to-width ratio of its own for every class
         side = 0.06 + 0.12 * label / max(1, classes - 1)
         hubs = CORNERS * torch.stack([side * (0.7 + 0.1 * (label % 4)), side, side], dim=1)[:, None]  # (n, 4, 3)
-        angles = torch.stack([u[:, 0], (2 * u[:, 1] - 1) * tilt / 360 % 1, (2 * u[:, 2] - 1) * tilt / 360 % 1], dim=1)
+        angles = (2 * u[:, :3] - 1) * torch.tensor([yaw, tilt, tilt]) / 360 % 1
         R = rotations.angles_to_matrix(angles)
         z = 1.5 + (far - 1.5) * u[:, 5]
         t = torch.stack([z * (u[:, 3] - 0.5), z * (0.1 + 0.3 * u[:, 4]), z], dim=1)  # below the camera: seen from above

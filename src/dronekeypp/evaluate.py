@@ -6,15 +6,21 @@ mean and its median a Euclidean distance; we report Euclidean for both and the p
 
 from __future__ import annotations
 
+import json
+import sys
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 import torch
 from torch import nn
 from torch.utils.data import DataLoader, Dataset
+from tqdm import tqdm
 
 from dronekeypp import rotations
 from dronekeypp.errors import InputError
+from dronekeypp.model import DroneKeyPP
+from dronekeypp.model.network import write_beside
 
 # One column of a row of results: its key and what makes it from the frames of that row.
 MEASURES: dict[str, Callable[[dict[str, np.ndarray]], float]] = {
@@ -181,7 +187,7 @@ def format_table(rows: Sequence[dict]) -> str:
     head = ("scene", "drone", "frames", "R MAE°", "R Med°", "t MAE m", "t Med m", "t axis m", "class %", "kp px", "flip %")
     lines = ["  ".join(f"{title:>8}" for title in head)]
     for row in rows:
-        where = (row["scene"], row["drone"]) if "scene" in row else ("mean", f"of {row['over']}")
+        where = (row["scene"], row["drone"]) if "scene" in row else ("mean of", row["over"])
         lines.append(
             f"{where[0]!s:>8}  {where[1]!s:>8}  {row['frames']:8d}  {row['R_mae_deg']:8.2f}  {row['R_medae_deg']:8.2f}  "
             f"{row['t_mae_m']:8.3f}  {row['t_medae_m']:8.3f}  {row['t_axis_mae_m']:8.3f}  {100 * row['class_accuracy']:8.1f}  "
@@ -233,3 +239,31 @@ def constant_baseline(train_set: Dataset, test_set: Dataset) -> dict[str, np.nda
     # Only the width of the images is read; one stands for all.
     image = torch.as_tensor(test_set[0]["image"])[None]
     return frame_errors(output, {**test, "image": image})
+
+
+def evaluate_checkpoint(
+    checkpoint: str | Path, dataset_root: str | Path, split: str = "test", json_file: str | Path | None = None, progress: bool = True
+) -> list[dict]:
+    """Measure a saved network on one split of a data set on disk: print the table, return (and write as JSON) its rows.
+
+    `checkpoint` is a folder of `save_pretrained`, or a run folder, of which best/ is taken.
+
+    Raises:
+        InputError: the checkpoint or the data set cannot be read.
+    """
+    from dronekeypp.sixdronesyn.dataset import SixDroneSyn
+
+    checkpoint = Path(checkpoint)
+    best = checkpoint / "best"
+    model = DroneKeyPP.from_pretrained(best if (best / "config.json").is_file() else checkpoint)
+    model.to("cuda" if torch.cuda.is_available() else "cpu")
+    dataset = SixDroneSyn(dataset_root, split, size=model.config.image_size)
+    hidden = not (progress and sys.stderr.isatty())
+    frames = evaluate(model, dataset, progress=lambda batches: tqdm(batches, split, leave=False, disable=hidden))
+    rows, means = summarise(frames, method="DroneKey++"), averages(frames, method="DroneKey++")
+    print(format_table(rows + means))
+    if json_file:
+        digest = getattr(dataset, "manifest", {}).get("digest")
+        result = {"name": "evaluate", "dataset": {"split": split, "digest": digest}, "rows": rows, "averages": means}
+        write_beside(Path(json_file), (json.dumps(result, indent=1) + "\n").encode())
+    return rows

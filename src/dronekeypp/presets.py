@@ -22,7 +22,8 @@ class TrainConfig(Settings):
     weight_decay: float = 0.0
     keypoint_unit: float = 10.0  # side of the crop in the unit of y2D: the hidden weight of L_2D, see `loss_terms`
     schedule: str = "equal"  # Table 6: "equal" | "tanh" | "shifted" | "biased"
-    augment: bool = False  # the paper has none
+    augment: bool = False  # the crop's margin and centre drawn anew; the paper has no augmentation
+    mirror: bool = False  # half of the frames seen in a mirror, truth and all (see `train.mirrored`); the paper has none
     frames: int = 0  # training frames seen per epoch, drawn anew each time; 0: all
     val_frames: int = 0  # validation frames, evenly spaced; 0: all
     seed: int = 0
@@ -54,7 +55,7 @@ PRESETS: dict[str, tuple[ModelConfig, TrainConfig]] = {
             backbone="compact", backbone_weights="data_samples/backbone/compact.safetensors", image_size=96, width=128,
             layers=3, heads=4, ffn=256, rays="split",
         ),
-        TrainConfig(epochs=20, batch=64, lr=1e-3, warmup=100, clip=1.0, augment=True, val_frames=1000),
+        TrainConfig(epochs=20, batch=64, lr=1e-3, warmup=100, clip=1.0, augment=True, mirror=True, val_frames=1000),
     ),
 }  # fmt: skip
 

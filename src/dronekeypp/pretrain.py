@@ -30,7 +30,18 @@ from dronekeypp.model.backbone import Backbone, save_backbone
 from dronekeypp.model.config import ModelConfig
 from dronekeypp.model.network import write_beside
 from dronekeypp.presets import TrainConfig
-from dronekeypp.train import TrainState, check_finite, choose_device, epoch_order, learning_rate, spaced, to_device
+from dronekeypp.train import (
+    TrainState,
+    check_finite,
+    choose_device,
+    coin,
+    data_digest,
+    epoch_order,
+    learning_rate,
+    mirrored,
+    spaced,
+    to_device,
+)
 
 
 class PretrainNet(nn.Module):
@@ -60,11 +71,11 @@ class PretrainNet(nn.Module):
 def soft_argmax(logits: Tensor) -> Tensor:
     """Heatmaps (B, K, s, s) -> the centre of mass of their softmax (B, K, 2) as (x, y) in crop units.
 
-    A centre of mass never leaves the outermost cell centres; the cells are spread so that it can reach the crop's border.
+    A centre of mass never leaves the outermost cell centres (1/12 from the border with 6x6 cells); the crop's margin keeps the hubs inside.
     """
     s = logits.shape[-1]
     weights = logits.flatten(2).softmax(dim=-1).unflatten(2, (s, s))  # (B, K, s, s)
-    axis = torch.linspace(0, 1, s, device=logits.device)
+    axis = (torch.arange(s, device=logits.device) + 0.5) / s
     return torch.stack([(weights.sum(dim=2) * axis).sum(-1), (weights.sum(dim=3) * axis).sum(-1)], dim=-1)
 
 
@@ -109,11 +120,13 @@ def pretrain_on(
         order = epoch_order(len(train_set), config, epoch)
         loader = DataLoader(train_set, config.batch, sampler=order, num_workers=config.workers, generator=torch.Generator())
         net.train()
-        total = 0.0
+        total, flips = 0.0, coin(config, epoch)
         for number, items in enumerate(tqdm(loader, f"epoch {epoch + 1}/{config.epochs}", disable=hidden, leave=False)):
             lr = learning_rate(config, epoch * per_epoch + number, per_epoch * config.epochs)
             state.optimiser.param_groups[0]["lr"] = lr
             items = to_device(items, device)
+            if config.mirror:
+                items = mirrored(items, (torch.rand(len(items["t"]), generator=flips) < 0.5).to(device))
             terms = pretrain_terms(net(items["image"]), items)
             check_finite(terms, items, epoch + 1, number + 1)
             loss = sum(terms.values())
@@ -208,7 +221,7 @@ def pretrain_to(train_set, val_set, out_file, model_config, config, resume=False
 
     pretrain_on(train_set, val_set, model_config, config, keep, progress, state)
     metadata = {
-        "command": command, "dronekeypp": __version__, "dataset_digest": str(getattr(train_set, "digest", None)),
+        "command": command, "dronekeypp": __version__, "dataset_digest": str(data_digest(train_set)),
         "train_frames": str(len(train_set)), "epochs": str(state.epoch), "seed": str(config.seed),
         "backbone_stride": str(model_config.backbone_stride), "image_size": str(model_config.image_size),
         "validation": json.dumps({k: round(v, 4) for k, v in state.history[-1].items()}),

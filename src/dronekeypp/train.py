@@ -37,12 +37,13 @@ from torch.nn.parallel import DistributedDataParallel
 from torch.utils.data import DataLoader, Dataset, Subset
 from tqdm import tqdm
 
+from dronekeypp import presets
 from dronekeypp.errors import InputError
 from dronekeypp.evaluate import apply_model, evaluate, measure, to_device
 from dronekeypp.model import DroneKeyPP, loss_terms, loss_weights, total_loss
 from dronekeypp.model.losses import TERMS
 from dronekeypp.model.network import write_beside
-from dronekeypp.presets import TrainConfig, preset
+from dronekeypp.presets import TrainConfig
 
 LAST, METRICS, CONFIG, BEST = "last.safetensors", "metrics.csv", "config.json", "best"
 FREE_KEYS = ("workers", "max_minutes", "device")  # these may differ when a run is resumed: they do not change the result
@@ -65,7 +66,7 @@ class TrainState:
         for i, moments in self.optimiser.state_dict()["state"].items():
             tensors.update({f"adam.{i}.{k}": v for k, v in moments.items()})
         tensors = {k: v.detach().cpu().contiguous() for k, v in tensors.items()}
-        header = {"epoch": self.epoch, "best_score": self.best_score, "history": self.history}
+        header = {"epoch": self.epoch, "best_score": self.best_score, "history": self.history, "train": self.config.to_dict()}
         write_beside(path, save(tensors, {"state": json.dumps(header)}))
 
     def load(self, path: Path) -> None:
@@ -76,6 +77,9 @@ class TrainState:
                 tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 (not a dict)
         except (SafetensorError, OSError, KeyError, TypeError, json.JSONDecodeError) as error:
             raise InputError(f"{path} is not a readable training state ({error}); start again without --resume") from None
+        for key, was in header["train"].items():
+            if key not in FREE_KEYS and was != getattr(self.config, key):
+                raise InputError(f"cannot resume {path}: {key} was {was!r} and is now {getattr(self.config, key)!r}; use the old one")
         weights = {key.removeprefix("model."): v for key, v in tensors.items() if key.startswith("model.")}
         parameters = list(self.model.parameters())
         moments: dict[int, dict[str, torch.Tensor]] = {}
@@ -103,6 +107,34 @@ def epoch_order(n: int, config: TrainConfig, epoch: int, rank: int = 0, world: i
     order = order[: config.frames or n]
     order += order[: -len(order) % world]
     return order[rank::world]
+
+
+def coin(config: TrainConfig, epoch: int, rank: int = 0) -> torch.Generator:
+    """The generator that decides which frames of an epoch are mirrored."""
+    return torch.Generator().manual_seed(int(np.random.SeedSequence([config.seed, epoch, rank, 1]).generate_state(1)[0]))
+
+
+def mirrored(items: dict, chosen: torch.Tensor) -> dict:
+    """The batch with the chosen frames (B,) seen in a mirror held at x = 0 of the camera.
+
+    A drone's left is its right in a mirror, so the picture shows the same drone in another pose: R becomes S R S' with S =
+    diag(-1, 1, 1) in camera axes and S' = diag(1, -1, 1) in body axes, left and right hubs change names, and the crop's square is
+    mirrored about the principal point. Flights are few and each has few headings; this doubles them.
+    """
+    swap = [1, 0, 3, 2]  # FL, FR, RR, RL
+    S, body = (torch.diag(torch.tensor(d, device=chosen.device)) for d in ((-1.0, 1.0, 1.0), (1.0, -1.0, 1.0)))
+    x, y, side = items["square"].unbind(1)
+    units = items["keypoints"][:, swap]
+    other = {
+        "image": items["image"].flip(3),
+        "square": torch.stack([2 * items["K"][:, 0, 2] - x - side, y, side], dim=1),
+        "keypoints": torch.stack([1 - units[..., 0], units[..., 1]], dim=-1),
+        "keypoints_3d": items["keypoints_3d"][:, swap] @ S,
+        "R": S @ items["R"] @ body,
+        "t": items["t"] @ S,
+        "visible": items["visible"][:, swap],
+    }
+    return {k: torch.where(chosen.view(-1, *[1] * (v.dim() - 1)), other.get(k, v), v) for k, v in items.items()}
 
 
 def learning_rate(config: TrainConfig, step: int, steps: int) -> float:
@@ -180,13 +212,15 @@ def fit(
             train_set.set_epoch(epoch)  # augmentation
         order = epoch_order(len(train_set), config, epoch, rank, world)
         loader = DataLoader(train_set, batch, sampler=order, num_workers=config.workers, generator=torch.Generator())
-        sums = dict.fromkeys(TERMS, 0.0)
+        sums, flips = dict.fromkeys(TERMS, 0.0), coin(config, epoch, rank)
         model.train()
         hidden = not (progress and rank == 0 and sys.stderr.isatty())
         for number, items in enumerate(tqdm(loader, f"epoch {epoch + 1}/{config.epochs}", disable=hidden, leave=False)):
             step = epoch * steps_per_epoch + number
             state.optimiser.param_groups[0]["lr"] = lr = learning_rate(config, step, steps)
             items = to_device(items, device)
+            if config.mirror:
+                items = mirrored(items, (torch.rand(len(items["t"]), generator=flips) < 0.5).to(device))
             terms = loss_terms(apply_model(network, items, model.config.encoder), items, config.keypoint_unit)
             check_finite(terms, items, epoch + 1, number + 1)
             loss = total_loss(terms, loss_weights(config.schedule, step / max(1, steps - 1)))
@@ -242,7 +276,7 @@ def describe(row: dict[str, Any], config: TrainConfig, is_best: bool) -> str:
 def train(
     dataset_root: str | Path,
     out: str | Path,
-    preset_name: str = "cpu",
+    preset: str = "cpu",
     overrides: dict[str, Any] | None = None,
     resume: bool = False,
     progress: bool = True,
@@ -250,11 +284,11 @@ def train(
     """Train on a data set on disk into the run folder `out`; returns the folder of the best checkpoint.
 
     Raises:
-        InputError: a setting, the data set or the run folder does not fit; see `train_on` and `preset`.
+        InputError: a setting, the data set or the run folder does not fit; see `train_on` and `presets.preset`.
     """
     from dronekeypp.sixdronesyn.dataset import SixDroneSyn  # here, so that a network trains on other data without it
 
-    model_config, config = preset(preset_name, overrides)
+    model_config, config = presets.preset(preset, overrides)
     size = model_config.image_size
     train_set = SixDroneSyn(dataset_root, "train", size=size, augment=config.augment, seed=config.seed)
     val_set = SixDroneSyn(dataset_root, "val", size=size)
@@ -269,7 +303,7 @@ def train_on(train_set, val_set, out, model_config, config, resume=False, progre
         a loss that is not finite.
     """
     out = Path(out)
-    data = {"train_frames": len(train_set), "val_frames": len(val_set), "digest": getattr(train_set, "digest", None)}
+    data = {"train_frames": len(train_set), "val_frames": len(val_set), "digest": data_digest(train_set)}
     settings = {"model": model_config.to_dict(), "train": config.to_dict(), "data": data}
     with process_group(config):
         main = not dist.is_initialized() or dist.get_rank() == 0
@@ -295,6 +329,11 @@ def train_on(train_set, val_set, out, model_config, config, resume=False, progre
 
         fit(model, train_set, val_set, config, keep, progress, state)
     return out / BEST
+
+
+def data_digest(dataset: Dataset) -> str | None:
+    """The digest of all images in the data set's manifest; None for a data set without one."""
+    return getattr(dataset, "manifest", {}).get("digest")
 
 
 def prepare_folder(out: Path, settings: dict, resume: bool) -> None:

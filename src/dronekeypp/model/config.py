@@ -114,6 +114,7 @@ class ModelConfig(Settings):
     use_3d: bool = True  # False: no MLP_3D (Table 5, rows 1-2)
     rays: str = "raw"  # what the ray embedding is fed: "raw" (paper) | "standardised" | "split"
     rotation: str = "euler"  # head: "euler" (paper: three sigmoid angles) | "sixd" (Zhou et al. 2019)
+    angle_zero: str = "middle"  # euler only: 0° at the "middle" of the sigmoid, seam at 180° | at its "edge", seam at 0°
     decoder_width: int = 256  # hidden width of MLP_3D and MLP_pose
     decoder_layers: int = 3  # their hidden layers
     classes: int = 7
@@ -127,6 +128,7 @@ class ModelConfig(Settings):
         "encoder": ("learned", "truth"),
         "rays": ("raw", "standardised", "split"),
         "rotation": ("euler", "sixd"),
+        "angle_zero": ("middle", "edge"),
     }
     LEAST: ClassVar[dict[str, float]] = {
         "image_size": 32, "width": 4, "layers": 1, "heads": 1, "ffn": 1, "dropout": 0,

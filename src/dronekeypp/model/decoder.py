@@ -118,7 +118,12 @@ class PoseDecoder(nn.Module):
         pose = self.mlp_pose(fused)  # (B, 3+3) or (B, 6+3), Eq. 8
         turn, t = pose[:, : self.rotation_size], pose[:, self.rotation_size :]
         if self.config.rotation == "euler":
-            angles = torch.sigmoid(turn)  # the paper's head; it cannot cross 0 = 1, though its loss is circular
+            # The paper's head. A sigmoid cannot cross 0 = 1, though the loss is circular, and the paper does not say which
+            # angle 0 is. Were it 0°, a drone in level flight would always sit on that seam, in pitch and in roll, and half
+            # of all small tilts would need 0.01, the other half 0.99. Ours: 0.5 is 0°, so the seam is at ±180°.
+            angles = torch.sigmoid(turn)
+            if self.config.angle_zero == "middle":
+                angles = (angles + 0.5) % 1.0
             R = rotations.angles_to_matrix(angles)
         else:
             angles, R = None, rotations.matrix_from_6d(turn)

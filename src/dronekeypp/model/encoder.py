@@ -92,6 +92,8 @@ class KeypointEncoder(nn.Module):
         # the crop with small weights, so that every keypoint is positive, and therefore learns, from the first step.
         nn.init.trunc_normal_(self.to_keypoints.weight, std=0.005)
         nn.init.constant_(self.to_keypoints.bias, 0.5)
+        if self.to_gate is not None:  # all layers alike at the start; from random weights one layer soon takes everything
+            nn.init.zeros_(self.to_gate.weight)
 
     def gate(self, last_ir: Tensor) -> Tensor:
         """Weights of the layers (B, N), each row summing to 1, from the last layer's IR (B, d). Eq. 3."""

@@ -1,0 +1,149 @@
+"""Errors by hand, summaries by scene and drone, the constant answer."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+from fakes import FakeDrones, tiny, turn
+from torch import nn
+
+from dronekeypp.errors import InputError
+from dronekeypp.evaluate import (
+    MEASURES,
+    averages,
+    best_constant_rotation,
+    constant_baseline,
+    evaluate,
+    format_table,
+    frame_errors,
+    poses,
+    summarise,
+)
+from dronekeypp.model import DroneKeyPP, ModelConfig, loss_terms
+from dronekeypp.rotations import geodesic_degrees
+
+NAMES = list("ABCDEFG")
+
+
+class Oracle(nn.Module):
+    """Knows every frame of a FakeDrones by its camera square, and errs by known amounts."""
+
+    def __init__(self, data, R_error, t_error):
+        super().__init__()
+        self.data, self.R_error, self.t_error = data, R_error, torch.tensor(t_error)
+        self.weight = nn.Parameter(torch.zeros(()))
+
+    def forward(self, image, K, square):
+        rows = [int((self.data["square"] == s).all(-1).nonzero()[0]) for s in square]
+        return {
+            "R": self.data["R"][rows] @ self.R_error, "t": self.data["t"][rows] + self.t_error,
+            "keypoints": self.data["keypoints"][rows] + torch.tensor([0.03, 0.04]),
+            "class_probs": torch.eye(7)[self.data["label"][rows]],
+        }  # fmt: skip
+
+
+def test_known_errors_come_back():
+    dataset = FakeDrones(24)
+    frames = evaluate(Oracle(dataset.data, turn(0, 12), [0.0, 0.3, 0.4]), dataset, batch=7)
+    np.testing.assert_allclose(frames["R_deg"], 12, atol=1e-2)
+    np.testing.assert_allclose(frames["t_m"], 0.5, atol=1e-5)
+    np.testing.assert_allclose(frames["t_axis_m"], np.tile([0, 0.3, 0.4], (24, 1)), atol=1e-5)
+    np.testing.assert_allclose(frames["keypoint_crop_px"], 0.05 * 32, rtol=1e-3)
+    np.testing.assert_allclose(frames["keypoint_px"], 0.05 * dataset.data["square"][:, 2], rtol=1e-3)
+    assert frames["class_correct"].all() and not frames["flip"].any()
+    assert frames["frame"].tolist() == list(range(24))
+
+
+@pytest.mark.parametrize("axis, angle, flipped", [(2, 100, True), (2, 80, False), (0, 170, False), (1, 100, True)])
+def test_a_flip_is_a_nose_that_points_the_other_way(axis, angle, flipped):
+    dataset = FakeDrones(4)
+    frames = evaluate(Oracle(dataset.data, turn(axis, angle), [0.0, 0.0, 0.0]), dataset)
+    assert (frames["flip"] == flipped).all()
+
+
+def test_rows_by_scene_and_drone():
+    frames = {
+        "R_deg": np.array([1.0, 2.0, 6.0, 10.0]), "t_m": np.array([0.1, 0.2, 0.6, 1.0]), "t_axis_m": np.ones((4, 3)) * 0.1,
+        "class_correct": np.array([True, True, False, True]), "keypoint_px": np.ones(4), "keypoint_crop_px": np.ones(4),
+        "flip": np.array([False, False, True, False]), "scene": np.array([6, 6, 6, 7]), "label": np.array([1, 1, 1, 0]),
+        "subsequence": np.array([0, 0, 1, 0]),
+    }  # fmt: skip
+    rows = summarise(frames, NAMES, method="DroneKey++", seed=0)
+    assert [(r["scene"], r["drone"], r["frames"], r["method"], r["seed"]) for r in rows] == [
+        (6, "B", 3, "DroneKey++", 0), (7, "A", 1, "DroneKey++", 0),
+    ]  # fmt: skip
+    assert rows[0]["R_mae_deg"] == pytest.approx(3) and rows[0]["R_medae_deg"] == 2 and rows[0]["flip_rate"] == pytest.approx(1 / 3)
+    assert rows[0]["class_accuracy"] == pytest.approx(2 / 3) and rows[0]["t_medae_m"] == pytest.approx(0.2)
+    by_rows, by_frames = averages(frames, draws=50, method="DroneKey++")
+    assert by_rows["over"] == "rows" and by_rows["R_mae_deg"] == pytest.approx(6.5)
+    assert by_frames["over"] == "frames" and by_frames["R_mae_deg"] == pytest.approx(4.75)
+    low, high = by_frames["R_mae_deg_ci95"]
+    assert 1 <= low <= 4.75 <= high <= 10
+    assert by_frames["R_mae_deg_ci95"] == averages(frames, draws=50)[1]["R_mae_deg_ci95"]  # the same draws every time
+    text = format_table(rows + [by_rows, by_frames])
+    assert len(text.splitlines()) == 5 and len({len(line) for line in text.splitlines()}) == 1
+    json.dumps(rows + [by_rows, by_frames])
+    assert set(MEASURES) <= set(rows[0])
+
+
+def test_evaluation_is_quiet_about_randomness_and_mode():
+    model, dataset = DroneKeyPP(ModelConfig(**tiny())), FakeDrones(10)
+    model.train()
+    torch.manual_seed(5)
+    expected = torch.rand(1)
+    torch.manual_seed(5)
+    first = evaluate(model, dataset, batch=4)
+    assert torch.equal(torch.rand(1), expected) and model.training
+    second = evaluate(model, dataset, batch=10)
+    np.testing.assert_allclose(first["R_deg"], second["R_deg"], atol=1e-2)
+
+
+def test_losses_are_means_over_frames():
+    model, dataset = DroneKeyPP(ModelConfig(**tiny())), FakeDrones(10)
+    small = evaluate(model, dataset, batch=3, criterion=loss_terms)["losses"]
+    whole = evaluate(model, dataset, batch=10, criterion=loss_terms)["losses"]
+    assert small == pytest.approx(whole, rel=1e-4)
+
+
+def test_nothing_and_nan_are_errors():
+    dataset = FakeDrones(6)
+    with pytest.raises(InputError, match="no frames"):
+        evaluate(Oracle(dataset.data, turn(0, 1), [0.0] * 3), torch.utils.data.Subset(dataset, []))
+    dataset.data["t"] = dataset.data["t"].clone()
+    dataset.data["t"][3, 1] = float("nan")
+    with pytest.raises(InputError, match="frame 3 .scene 2. is not finite"):
+        evaluate(Oracle(dataset.data, turn(0, 1), [0.0] * 3), dataset)
+
+
+def test_constant_rotation_is_at_least_as_good_as_any_candidate():
+    R = FakeDrones(300).data["R"]
+    best = best_constant_rotation(R)
+    torch.testing.assert_close(best @ best.T, torch.eye(3), atol=1e-5, rtol=0)
+    median = geodesic_degrees(best[None], R).median()
+    assert all(median <= geodesic_degrees(R[i : i + 1], R).median() + 1e-3 for i in range(300) if i % (300 // 256) == 0)
+    one = torch.stack([turn(2, a) for a in (-10, 0, 10, 0, 0)])
+    torch.testing.assert_close(best_constant_rotation(one), torch.eye(3), atol=1e-5, rtol=0)
+
+
+def test_constant_baseline_needs_no_images_but_one():
+    train, test = FakeDrones(100, seed=1), FakeDrones(40, seed=2)
+    frames = constant_baseline(train, test)
+    assert np.allclose(frames["t"], train.data["t"].median(dim=0).values) and len(frames["R_deg"]) == 40
+    assert len(np.unique(frames["predicted"])) == 1
+    rows = summarise(frames, NAMES, method="constant")
+    assert sum(row["frames"] for row in rows) == 40
+    items = [test[i] for i in range(3)]
+    stacked = {name: torch.stack([item[name] for item in items]) for name in items[0]}
+    with_images = frame_errors({"R": torch.eye(3).expand(3, 3, 3), "t": stacked["t"], "keypoints": stacked["keypoints"],
+                                "class_probs": torch.eye(7)[stacked["label"]]}, stacked)  # fmt: skip
+    assert with_images["t_m"].max() == 0
+
+    class Plain(torch.utils.data.Dataset):
+        def __len__(self):
+            return 5
+
+        def __getitem__(self, i):
+            return test[i]
+
+    assert torch.equal(poses(Plain())["t"], test.data["t"][:5]) and "image" not in poses(Plain())
