@@ -223,7 +223,10 @@ FAULTS = {
     "truncated JPEG": (_truncate, ["000030.jpg", "truncated"]),
     "image deleted": (lambda root: (root / "test/000610/rgb/000030.jpg").unlink(), ["000030.jpg", "missing"]),
     "other image": (_repaint, ["000030.jpg", "digest"]),
-    "missing annotation": (lambda root: _edit(root / "test/000610/scene_gt.json", lambda d: d.pop("30")), ["scene_gt.json frame 30", "no annotation"]),
+    "missing annotation": (
+        lambda root: _edit(root / "test/000610/scene_gt.json", lambda d: d.pop("30")),
+        ["scene_gt.json frame 30", "no annotation"],
+    ),
     "missing field": (
         lambda root: _edit(root / "test/000610/scene_gt.json", lambda d: d["30"][0].pop("cam_R_m2c")),
         ["scene_gt.json frame 30", "cam_R_m2c is missing"],

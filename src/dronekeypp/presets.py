@@ -17,6 +17,7 @@ class TrainConfig(Settings):
     epochs: int = 100
     batch: int = 32  # frames a step, over all processes together
     lr: float = 1e-5  # Adam; a cosine takes it to 0 over the whole run
+    backbone_lr: float = 1.0  # the backbone's share of lr: below 1 keeps what pretraining taught it
     warmup: int = 0  # steps of linear warm-up before the cosine; the paper has none
     clip: float = 0.0  # largest norm of the gradient; 0 leaves it alone, as the paper does
     weight_decay: float = 0.0
@@ -33,7 +34,7 @@ class TrainConfig(Settings):
 
     CHOICES: ClassVar[dict[str, tuple[str, ...]]] = {"schedule": SCHEDULES, "device": ("auto", "cpu", "cuda")}
     LEAST: ClassVar[dict[str, float]] = {
-        "epochs": 1, "batch": 1, "lr": 0, "warmup": 0, "clip": 0, "weight_decay": 0, "keypoint_unit": 0, "frames": 0,
+        "epochs": 1, "batch": 1, "lr": 0, "backbone_lr": 0, "warmup": 0, "clip": 0, "weight_decay": 0, "keypoint_unit": 0, "frames": 0,
         "val_frames": 0, "seed": 0, "workers": 0, "max_minutes": 0,
     }  # fmt: skip
 

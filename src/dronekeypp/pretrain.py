@@ -123,7 +123,8 @@ def pretrain_on(
         total, flips = 0.0, coin(config, epoch)
         for number, items in enumerate(tqdm(loader, f"epoch {epoch + 1}/{config.epochs}", disable=hidden, leave=False)):
             lr = learning_rate(config, epoch * per_epoch + number, per_epoch * config.epochs)
-            state.optimiser.param_groups[0]["lr"] = lr
+            for group in state.optimiser.param_groups:
+                group["lr"] = lr
             items = to_device(items, device)
             if config.mirror:
                 items = mirrored(items, (torch.rand(len(items["t"]), generator=flips) < 0.5).to(device))

@@ -54,7 +54,11 @@ class TrainState:
 
     def __init__(self, model: DroneKeyPP, config: TrainConfig):
         self.model, self.config = model, config
-        self.optimiser = torch.optim.Adam(model.parameters(), lr=config.lr, weight_decay=config.weight_decay)
+        backbone = list(model.backbone.parameters()) if model.backbone is not None else []
+        known = {id(p) for p in backbone}
+        rest = [p for p in model.parameters() if id(p) not in known]
+        groups = [{"params": rest, "share": 1.0}, {"params": backbone, "share": config.backbone_lr}]  # share: of the learning rate
+        self.optimiser = torch.optim.Adam([g for g in groups if g["params"]], lr=config.lr, weight_decay=config.weight_decay)
         self.epoch = 0  # finished epochs
         self.history: list[dict[str, Any]] = []
         self.best_score = math.inf
@@ -81,7 +85,7 @@ class TrainState:
             if key not in FREE_KEYS and was != getattr(self.config, key):
                 raise InputError(f"cannot resume {path}: {key} was {was!r} and is now {getattr(self.config, key)!r}; use the old one")
         weights = {key.removeprefix("model."): v for key, v in tensors.items() if key.startswith("model.")}
-        parameters = list(self.model.parameters())
+        parameters = [p for group in self.optimiser.param_groups for p in group["params"]]  # in Adam's order
         moments: dict[int, dict[str, torch.Tensor]] = {}
         for key, value in tensors.items():
             if key.startswith("adam."):
@@ -217,7 +221,9 @@ def fit(
         hidden = not (progress and rank == 0 and sys.stderr.isatty())
         for number, items in enumerate(tqdm(loader, f"epoch {epoch + 1}/{config.epochs}", disable=hidden, leave=False)):
             step = epoch * steps_per_epoch + number
-            state.optimiser.param_groups[0]["lr"] = lr = learning_rate(config, step, steps)
+            lr = learning_rate(config, step, steps)
+            for group in state.optimiser.param_groups:
+                group["lr"] = lr * group["share"]
             items = to_device(items, device)
             if config.mirror:
                 items = mirrored(items, (torch.rand(len(items["t"]), generator=flips) < 0.5).to(device))

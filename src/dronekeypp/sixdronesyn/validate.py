@@ -66,7 +66,7 @@ def _check_splits(root, found, manifest):
             faults.append(f"{root}: flight {name} is in two splits, {' and '.join(places)}")
         elif places != [home.get(name)]:
             faults.append(f"{root / places[0] / name}: belongs into {home.get(name)}")
-    for split, group in found.items():
+    for group in found.values():
         faults += [f"{folder}: not in the manifest's plan" for name, folder in group.items() if name not in manifest["planned"]]
     if (root / "manifest.json").exists() and "flights" not in manifest:
         faults.append(f"{root / 'manifest.json'}: generate has not finished; run it again, it resumes")
