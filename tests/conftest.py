@@ -1,8 +1,12 @@
+import os
+
 import cv2
 import numpy as np
 import pytest
 
 from dronekeypp.sixdronesyn.generate import generate
+
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # for the processes that tests start; see notebooks/conftest.py
 
 
 def paint_environments(folder, n=6):

@@ -22,7 +22,7 @@ from dronekeypp.sixdronesyn.validate import validate
 
 
 def files(root):
-    """Everything a data set holds, by relative path; the manifest without its volatile parts."""
+    """Everything a data set holds, by relative path."""
     return {p.relative_to(root).as_posix(): p.read_bytes() for p in Path(root).rglob("*") if p.is_file()}
 
 
@@ -121,11 +121,12 @@ def test_a_corrupt_environment_is_named(tmp_path):
 def test_no_opengl_names_the_package(monkeypatch, tmp_path, environments):
     from dronekeypp.sixdronesyn import render
 
-    render.check_opengl.cache_clear()
+    monkeypatch.delenv("DRONEKEYPP_OPENGL_CHECKED", raising=False)
     monkeypatch.setattr(render.subprocess, "run", lambda *a, **k: subprocess.CompletedProcess(a, -11, "", "Segmentation fault"))
     with pytest.raises(InputError, match="libegl1 libgl1-mesa-dri"):
         generate(tmp_path / "out", environments=environments, **SMALL)
-    render.check_opengl.cache_clear()
+    with pytest.raises(InputError, match="libegl1 libgl1-mesa-dri"):
+        render.DroneRenderer("Tello", 64)
 
 
 @pytest.mark.parametrize("subsequence", [scenes.Subsequence(6, "Mini2", 0), scenes.Subsequence(7, "Mav3", 1), scenes.Subsequence(4, "Tello", 2)])
@@ -218,6 +219,12 @@ def _repaint(root):
     cv2.imwrite(str(path), np.zeros((64, 64, 3), np.uint8))
 
 
+def _renumber(folder, old, new):
+    for name in (*bop.SCENE_FILES, "flight.json"):
+        _edit(folder / name, lambda d: (d.get("digests", d).update({new: d.get("digests", d).pop(old)})))
+    bop.image_path(folder, int(old)).rename(bop.image_path(folder, int(new)))
+
+
 IDENTITY = [1, 0, 0, 0, 1, 0, 0, 0, 1]
 FAULTS = {
     "truncated JPEG": (_truncate, ["000030.jpg", "truncated"]),
@@ -247,6 +254,15 @@ FAULTS = {
         lambda root: _edit(root / "test/000610/scene_gt_info.json", lambda d: d["30"][0].update(bbox_obj=[-5, 5, 3000, 2000])),
         ["frame 30", "outside the frame"],
     ),
+    "a list instead of a table": (lambda root: (root / "test/000610/scene_gt.json").write_text("[]"), ["scene_gt.json", "not a table"]),
+    "an entry that is null": (
+        lambda root: _edit(root / "test/000610/scene_camera.json", lambda d: d.update({"30": None})),
+        ["scene_camera.json frame 30", "no annotation"],
+    ),
+    "frame renumbered": (lambda root: _renumber(root / "test/000610", "30", "37"), ["000610", "not the 4 planned"]),
+    "manifest forgets a flight": (lambda root: _edit(root / "manifest.json", lambda d: d["flights"].pop("000610")), ["manifest.json", "flights"]),
+    "manifest with other counts": (lambda root: _edit(root / "manifest.json", lambda d: d["frames"].update(test=0)), ["manifest.json", "frames"]),
+    "manifest with another digest": (lambda root: _edit(root / "manifest.json", lambda d: d.update(digest="x")), ["manifest.json", "its digest"]),
     "flight missing": (lambda root: shutil.rmtree(root / "test/000610"), ["000610", "missing"]),
     "flight in two splits": (lambda root: shutil.copytree(root / "test/000610", root / "train/000610"), ["000610", "two splits"]),
     "not JSON": (lambda root: (root / "test/000610/scene_gt.json").write_text("{"), ["scene_gt.json", "not valid JSON"]),
@@ -275,7 +291,11 @@ def test_command_line_exit_status(small_dataset, tmp_path, capsys):
     assert main(["validate", str(small_dataset)]) == 0
     assert main(["validate", str(tmp_path)]) == 2
     assert capsys.readouterr().err.startswith("error: ")
-    assert main(["generate", str(tmp_path / "x"), "--scenes", "99"]) == 2
+    for wrong in (["--scenes", "99"], ["--scenes", "six"], ["--scenes", ","], ["--shard", "3"], ["--frames", "video"], ["--nonsense"]):
+        assert main(["generate", str(tmp_path / "x"), *wrong]) == 2
+        assert capsys.readouterr().err.count("\n") == 1
+    (tmp_path / "file").write_text("")
+    assert main(["generate", str(tmp_path / "file"), "--scenes", "1"]) == 2
 
 
 # --- the torch data set -------------------------------------------------------------------------------------------------------------------
@@ -321,6 +341,18 @@ def test_a_training_crop_shows_what_the_stored_one_shows(small_dataset):
 def test_no_frames_of_a_split(small_dataset):
     with pytest.raises(InputError, match="no val frames"):
         SixDroneSyn(small_dataset, "val", drones=["Mav3"])
+
+
+def test_a_half_generated_data_set_is_refused(small_dataset, tmp_path):
+    shutil.copytree(small_dataset, tmp_path / "half")
+    shutil.rmtree(tmp_path / "half/train/000110")
+    with pytest.raises(InputError, match="5 of 6 train flights"):
+        SixDroneSyn(tmp_path / "half", "train")
+
+
+def test_unknown_drone(small_dataset):
+    with pytest.raises(InputError, match="Phantom"):
+        SixDroneSyn(small_dataset, "train", drones=["Phantom"])
 
 
 def test_read_image_errors(tmp_path):

@@ -47,9 +47,11 @@ def test_agrees_with_opencvs_iterative_refinement():
         R, t = random_pose(rng)
         pixels = project(HUBS @ R.T + t, K)
         best = solve_pnp(HUBS, pixels, K)[0]
-        rvec, tvec = cv2.solvePnPRefineLM(HUBS, pixels, K, None, cv2.Rodrigues(R)[0], t.reshape(3, 1).copy())
-        np.testing.assert_allclose(best.t, tvec.ravel(), atol=1e-4)
-        np.testing.assert_allclose(best.R, cv2.Rodrigues(rvec)[0], atol=1e-4)
+        tilt = Rotation.from_rotvec(rng.normal(0, 0.05, 3)).as_matrix()
+        start, near = cv2.Rodrigues(R @ tilt)[0], (t * 1.05).reshape(3, 1)
+        rvec, tvec = cv2.solvePnPRefineLM(HUBS, pixels, K, None, start, near)
+        np.testing.assert_allclose(best.t, tvec.ravel(), atol=1e-3)
+        np.testing.assert_allclose(best.R, cv2.Rodrigues(rvec)[0], atol=1e-3)
 
 
 def test_twice_as_large_is_twice_as_far():

@@ -1,5 +1,3 @@
-import json
-
 import numpy as np
 import pytest
 
@@ -109,7 +107,3 @@ def test_headings_are_free_of_the_direction_of_travel():
         off.append(np.degrees(np.arctan2(way[:, 0] * nose[:, 1] - way[:, 1] * nose[:, 0], (way * nose).sum(1))) % 360)
     share = np.histogram(np.concatenate(off), bins=8, range=(0, 360))[0] / sum(map(len, off))
     assert share.min() > 0.06 and share.max() < 0.2
-
-
-def test_json_can_hold_the_plan():
-    json.dumps([vars(scenes.SCENES[1]), {"id": ALL[0].id}])

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 import os
 import subprocess
 import sys
@@ -162,6 +163,10 @@ def test_two_processes_train_together(tmp_path):
     rows = list(csv.DictReader(open(tmp_path / "run" / "metrics.csv")))
     assert len(rows) == 1
     DroneKeyPP.from_pretrained(tmp_path / "run" / "best")
+    # Two halves of a batch and their mean gradient: close to one process with the whole batch (BatchNorm sees only halves).
+    start(tmp_path / "one", changes={"epochs": 1})
+    one = list(csv.DictReader(open(tmp_path / "one" / "metrics.csv")))
+    assert math.isclose(float(rows[0]["train_total"]), float(one[0]["train_total"]), rel_tol=0.2)
 
 
 def test_a_mirrored_frame_is_a_true_frame():

@@ -12,12 +12,18 @@ def _names(text):
 
 
 def _numbers(text):
-    return [int(part) for part in _names(text)]
+    try:
+        return [int(part) for part in _names(text)]
+    except ValueError:
+        raise InputError(f"--scenes {text}: write scene numbers, for example 6,7") from None
 
 
 def _shard(text):
-    i, _, n = text.partition("/")
-    return int(i), int(n)
+    try:
+        i, n = text.split("/")
+        return int(i), int(n)
+    except ValueError:
+        raise InputError(f"--shard {text}: write I/N, for example 0/4") from None
 
 
 def _generate(args):
@@ -42,25 +48,17 @@ def _validate(args):
 
 
 def _train(args):
+    from .presets import parse_overrides
     from .train import train
 
-    train(args.dataset, args.out, preset=args.preset, overrides=_overrides(args.set), resume=args.resume)
-
-
-def _overrides(pairs):
-    overrides = {}
-    for pair in pairs or ():
-        key, equals, value = pair.partition("=")
-        if not equals:
-            raise InputError(f"--set {pair}: write key=value")
-        overrides[key] = value
-    return overrides
+    train(args.dataset, args.out, preset=args.preset, overrides=parse_overrides(args.set), resume=args.resume)
 
 
 def _pretrain(args):
+    from .presets import parse_overrides
     from .pretrain import pretrain
 
-    pretrain(args.dataset, args.out, epochs=args.epochs, overrides=_overrides(args.set), resume=args.resume)
+    pretrain(args.dataset, args.out, epochs=args.epochs, overrides=parse_overrides(args.set), resume=args.resume)
 
 
 def _evaluate(args):
@@ -69,9 +67,16 @@ def _evaluate(args):
     evaluate_checkpoint(args.checkpoint, args.dataset, split=args.split, json_file=args.json)
 
 
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line, like everything else here."""
+
+    def error(self, message):
+        raise InputError(f"{message}; see `{self.prog} --help`")
+
+
 def parser():
     """The command line, for the entry point and for tests."""
-    top = argparse.ArgumentParser(prog="python -m dronekeypp", description="DroneKey++: generate the data, train, evaluate.")
+    top = _Parser(prog="python -m dronekeypp", description="DroneKey++: generate the data, train, evaluate.")
     verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
 
     p = verbs.add_parser("generate", help="render 6DroneSyn, or a part of it; run it again to resume")
@@ -79,7 +84,7 @@ def parser():
     p.add_argument("--scenes", type=_numbers, metavar="6,7", help="scene numbers, 1 to 13 (default: all)")
     p.add_argument("--drones", type=_names, metavar="Mini2,Tello", help="drone names (default: all seven)")
     p.add_argument("--frames", choices=("crop", "full"), default="crop", help="the square around the drone, or 1920×1080")
-    p.add_argument("--size", type=int, default=128, metavar="PX", help="side of a crop (default 128)")
+    p.add_argument("--size", type=int, default=128, metavar="PX", help="side of a crop (default 128; whole frames ignore it)")
     p.add_argument("--stride", type=int, default=1, metavar="N", help="keep every N-th frame of each flight")
     p.add_argument("--seed", type=int, default=0)
     p.add_argument("--environments", type=Path, metavar="DIR", help="your own equirectangular images (default: 22 procedural ones)")
@@ -94,7 +99,7 @@ def parser():
     p = verbs.add_parser("pretrain", help="train a backbone on the training scenes, the stand-in for ImageNet weights")
     p.add_argument("dataset", type=Path)
     p.add_argument("--out", type=Path, required=True, metavar="FILE")
-    p.add_argument("--epochs", type=int, default=8)
+    p.add_argument("--epochs", type=int, default=9)
     p.add_argument("--set", action="append", metavar="key=value")
     p.add_argument("--resume", action="store_true")
     p.set_defaults(run=_pretrain)
@@ -118,10 +123,12 @@ def parser():
 
 def main(argv=None):
     """Run one verb; returns the exit status."""
-    args = parser().parse_args(argv)
     try:
+        args = parser().parse_args(argv)
         args.run(args)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
+    except (InputError, OSError) as error:
+        # a data loading process puts its whole traceback into the message; the last line is ours
+        line = (str(error).strip().splitlines() or [type(error).__name__])[-1]
+        print(f"error: {line.removeprefix('dronekeypp.errors.InputError: ')}", file=sys.stderr)
         return 2
     return 0

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from torch import nn
-from torch.utils.data import DataLoader, Dataset
+from torch.utils.data import DataLoader, Dataset, Subset
 from tqdm import tqdm
 
 from dronekeypp import rotations
@@ -31,6 +31,7 @@ MEASURES: dict[str, Callable[[dict[str, np.ndarray]], float]] = {
     "t_axis_mae_m": lambda f: f["t_axis_m"].mean(),
     "class_accuracy": lambda f: f["class_correct"].mean(),
     "keypoint_px": lambda f: f["keypoint_px"].mean(),
+    "keypoint_medae_px": lambda f: np.median(f["keypoint_px"]),
     "keypoint_crop_px": lambda f: f["keypoint_crop_px"].mean(),
     "flip_rate": lambda f: f["flip"].mean(),
 }
@@ -184,14 +185,14 @@ def _of(frames: dict[str, np.ndarray], name: str) -> dict[str, np.ndarray]:
 
 def format_table(rows: Sequence[dict]) -> str:
     """Rows of `summarise` or `averages` as plain text, one line each."""
-    head = ("scene", "drone", "frames", "R MAE°", "R Med°", "t MAE m", "t Med m", "t axis m", "class %", "kp px", "flip %")
+    head = ("scene", "drone", "frames", "R MAE°", "R Med°", "t MAE m", "t Med m", "t axis m", "class %", "kp px", "kp Med", "flip %")
     lines = ["  ".join(f"{title:>8}" for title in head)]
     for row in rows:
         where = (row["scene"], row["drone"]) if "scene" in row else ("mean of", row["over"])
         lines.append(
             f"{where[0]!s:>8}  {where[1]!s:>8}  {row['frames']:8d}  {row['R_mae_deg']:8.2f}  {row['R_medae_deg']:8.2f}  "
             f"{row['t_mae_m']:8.3f}  {row['t_medae_m']:8.3f}  {row['t_axis_mae_m']:8.3f}  {100 * row['class_accuracy']:8.1f}  "
-            f"{row['keypoint_px']:8.2f}  {100 * row['flip_rate']:8.1f}"
+            f"{row['keypoint_px']:8.2f}  {row['keypoint_medae_px']:8.2f}  {100 * row['flip_rate']:8.1f}"
         )
     return "\n".join(lines)
 
@@ -201,6 +202,8 @@ def poses(dataset: Dataset) -> dict[str, torch.Tensor]:
 
     A data set with a method `annotations()` gives them at once; of any other every item is read.
     """
+    if isinstance(dataset, Subset) and hasattr(dataset.dataset, "annotations"):
+        return {name: value[torch.as_tensor(dataset.indices)] for name, value in dataset.dataset.annotations().items()}
     if hasattr(dataset, "annotations"):
         return dataset.annotations()
     items = [{k: v for k, v in dataset[i].items() if k != "image"} for i in range(len(dataset))]
@@ -253,6 +256,8 @@ def evaluate_checkpoint(
     """
     from dronekeypp.sixdronesyn.dataset import SixDroneSyn
 
+    if json_file and not Path(json_file).resolve().parent.is_dir():  # before the work, not after it
+        raise InputError(f"{json_file}: its folder does not exist; make it first")
     checkpoint = Path(checkpoint)
     best = checkpoint / "best"
     model = DroneKeyPP.from_pretrained(best if (best / "config.json").is_file() else checkpoint)

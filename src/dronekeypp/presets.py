@@ -47,7 +47,7 @@ PRESETS: dict[str, tuple[ModelConfig, TrainConfig]] = {
         ModelConfig(
             backbone="resnet50", backbone_weights="imagenet", image_size=224, width=256, layers=6, heads=8, ffn=1024,
         ),
-        TrainConfig(workers=8),
+        TrainConfig(workers=8, keypoint_unit=10),
     ),
     # The same network made small, a hundred times the learning rate, and rays that an MLP can read (see `RayFeatures`):
     # centre, spread and shape apart. The head stays the paper's. In place of ImageNet: our own backbone, see pretrain.py.
@@ -56,7 +56,9 @@ PRESETS: dict[str, tuple[ModelConfig, TrainConfig]] = {
             backbone="compact", backbone_weights="data_samples/backbone/compact.safetensors", image_size=96, width=128,
             layers=3, heads=4, ffn=256, rays="split",
         ),
-        TrainConfig(epochs=20, batch=64, lr=1e-3, warmup=100, clip=1.0, augment=True, mirror=True, val_frames=1000),
+        TrainConfig(
+            epochs=20, batch=64, lr=1e-3, backbone_lr=0.1, warmup=100, clip=1.0, keypoint_unit=10, augment=True, mirror=True, val_frames=1000,
+        ),
     ),
 }  # fmt: skip
 

@@ -35,7 +35,7 @@ from dronekeypp.train import (
     check_finite,
     choose_device,
     coin,
-    data_digest,
+    describe_data,
     epoch_order,
     learning_rate,
     mirrored,
@@ -89,15 +89,15 @@ def pretrain_terms(output: dict, batch: dict) -> dict[str, Tensor]:
 
 
 def pretrain_on(
+    state: TrainState,
     train_set: Dataset,
     val_set: Dataset,
-    model_config: ModelConfig,
-    config: TrainConfig,
     on_epoch: Callable[[TrainState], None] | None = None,
     progress: bool = False,
-    state: TrainState | None = None,
 ) -> TrainState:
-    """Train a `PretrainNet` in memory; the returned state holds it (`.model`) and its history. Takes the keys of `TrainConfig`.
+    """Train the `PretrainNet` of `state` in memory, from where it stands; returns the state with its history.
+
+    Of `TrainConfig` it leaves out what belongs to the whole network: keypoint_unit, schedule, backbone_lr.
 
     Raises:
         InputError: an empty set, or a loss that is not finite.
@@ -105,10 +105,8 @@ def pretrain_on(
     for name, dataset in (("training", train_set), ("validation", val_set)):
         if len(dataset) == 0:
             raise InputError(f"the {name} set has no frames; were its scenes generated?")
+    config = state.config
     device, started = choose_device(config), time.monotonic()
-    if state is None:
-        torch.manual_seed(config.seed)
-        state = TrainState(PretrainNet(model_config), config)
     net = state.model.to(device)
     val_set = spaced(val_set, config.val_frames)
     per_epoch = math.ceil(len(epoch_order(len(train_set), config, 0)) / config.batch)
@@ -174,7 +172,7 @@ def pretrain_errors(net: PretrainNet, val_set: Dataset, config: TrainConfig) -> 
 def pretrain(
     dataset_root: str | Path,
     out_file: str | Path,
-    epochs: int = 12,
+    epochs: int = 9,
     minutes: float = 0.0,
     overrides: dict[str, Any] | None = None,
     resume: bool = False,
@@ -192,7 +190,10 @@ def pretrain(
     from dronekeypp.presets import preset
     from dronekeypp.sixdronesyn.dataset import SixDroneSyn
 
-    changes = {"epochs": epochs, "max_minutes": minutes, "augment": True, "backbone_weights": None, **(overrides or {})}
+    for key in ("keypoint_unit", "schedule", "backbone_lr"):
+        if key in (overrides or {}):
+            raise InputError(f"--set {key}: pretraining has its own losses and no {key}; leave it out")
+    changes = {"epochs": epochs, "max_minutes": minutes, "augment": True, "backbone_lr": 1.0, "backbone_weights": None, **(overrides or {})}
     model_config, config = preset("cpu", changes)
     size = model_config.image_size
     train_set = SixDroneSyn(dataset_root, "train", size=size, augment=config.augment, seed=config.seed)
@@ -210,7 +211,8 @@ def pretrain_to(train_set, val_set, out_file, model_config, config, resume=False
     if half_way.exists() and not resume:
         raise InputError(f"{half_way} is left from an earlier run; add --resume to go on, or remove it")
     torch.manual_seed(config.seed)
-    state = TrainState(PretrainNet(model_config).to(choose_device(config)), config)
+    data = describe_data(train_set, val_set)
+    state = TrainState(PretrainNet(model_config).to(choose_device(config)), config, data)
     if half_way.exists():
         state.load(half_way)
     out_file.parent.mkdir(parents=True, exist_ok=True)
@@ -220,9 +222,9 @@ def pretrain_to(train_set, val_set, out_file, model_config, config, resume=False
         if on_epoch:
             on_epoch(state)
 
-    pretrain_on(train_set, val_set, model_config, config, keep, progress, state)
+    pretrain_on(state, train_set, val_set, keep, progress)
     metadata = {
-        "command": command, "dronekeypp": __version__, "dataset_digest": str(data_digest(train_set)),
+        "command": command, "dronekeypp": __version__, "dataset_digest": str(data["digest"]),
         "train_frames": str(len(train_set)), "epochs": str(state.epoch), "seed": str(config.seed),
         "backbone_stride": str(model_config.backbone_stride), "image_size": str(model_config.image_size),
         "validation": json.dumps({k: round(v, 4) for k, v in state.history[-1].items()}),

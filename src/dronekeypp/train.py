@@ -39,21 +39,22 @@ from tqdm import tqdm
 
 from dronekeypp import presets
 from dronekeypp.errors import InputError
-from dronekeypp.evaluate import apply_model, evaluate, measure, to_device
+from dronekeypp.evaluate import apply_model, evaluate, measure, poses, to_device
 from dronekeypp.model import DroneKeyPP, loss_terms, loss_weights, total_loss
 from dronekeypp.model.losses import TERMS
 from dronekeypp.model.network import write_beside
 from dronekeypp.presets import TrainConfig
 
 LAST, METRICS, CONFIG, BEST = "last.safetensors", "metrics.csv", "config.json", "best"
-FREE_KEYS = ("workers", "max_minutes", "device")  # these may differ when a run is resumed: they do not change the result
+FREE_KEYS = ("workers", "max_minutes", "device")  # these may differ when a run is resumed
 
 
 class TrainState:
     """What changes while training: the network, Adam, the finished epochs and their history."""
 
-    def __init__(self, model: DroneKeyPP, config: TrainConfig):
+    def __init__(self, model: DroneKeyPP, config: TrainConfig, data: dict[str, Any] | None = None):
         self.model, self.config = model, config
+        self.settings = {"model": model.config.to_dict(), "train": config.to_dict(), "data": data or {}}
         backbone = list(model.backbone.parameters()) if model.backbone is not None else []
         known = {id(p) for p in backbone}
         rest = [p for p in model.parameters() if id(p) not in known]
@@ -64,41 +65,60 @@ class TrainState:
         self.best_score = math.inf
         self.is_best = False  # the epoch just finished is the best so far
 
+    def _names(self) -> list[str]:
+        """Names of the parameters in Adam's order."""
+        names = {id(p): name for name, p in self.model.named_parameters()}
+        return [names[id(p)] for group in self.optimiser.param_groups for p in group["params"]]
+
     def save(self, path: Path) -> None:
         """One safetensors file, written beside and renamed. Nothing is pickled."""
-        tensors = {f"model.{k}": v for k, v in self.model.state_dict().items()}
+        tensors = {f"model/{k}": v for k, v in self.model.state_dict().items()}
+        names = self._names()
         for i, moments in self.optimiser.state_dict()["state"].items():
-            tensors.update({f"adam.{i}.{k}": v for k, v in moments.items()})
+            tensors.update({f"adam/{names[i]}/{k}": v for k, v in moments.items()})
         tensors = {k: v.detach().cpu().contiguous() for k, v in tensors.items()}
-        header = {"epoch": self.epoch, "best_score": self.best_score, "history": self.history, "train": self.config.to_dict()}
+        header = {"epoch": self.epoch, "best_score": self.best_score, "history": self.history, "settings": self.settings}
         write_beside(path, save(tensors, {"state": json.dumps(header)}))
 
     def load(self, path: Path) -> None:
-        """Go on from a file of `save`. Raises InputError if it is broken or belongs to another configuration."""
+        """Go on from a file of `save`.
+
+        Raises:
+            InputError: it is broken, or belongs to other settings, other data or another network.
+        """
         try:
             with safe_open(path, "pt") as file:
                 header = json.loads(file.metadata()["state"])
                 tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 (not a dict)
+            old, epoch, best_score, history = (header[key] for key in ("settings", "epoch", "best_score", "history"))
         except (SafetensorError, OSError, KeyError, TypeError, json.JSONDecodeError) as error:
             raise InputError(f"{path} is not a readable training state ({error}); start again without --resume") from None
-        for key, was in header["train"].items():
-            if key not in FREE_KEYS and was != getattr(self.config, key):
-                raise InputError(f"cannot resume {path}: {key} was {was!r} and is now {getattr(self.config, key)!r}; use the old one")
-        weights = {key.removeprefix("model."): v for key, v in tensors.items() if key.startswith("model.")}
-        parameters = [p for group in self.optimiser.param_groups for p in group["params"]]  # in Adam's order
+        check_settings(old, self.settings, path)
+        parameters, places = dict(self.model.named_parameters()), {name: i for i, name in enumerate(self._names())}
         moments: dict[int, dict[str, torch.Tensor]] = {}
-        for key, value in tensors.items():
-            if key.startswith("adam."):
-                _, i, name = key.split(".")
-                # In the memory layout of the weight: sums in another order would differ in the last bit.
-                like = parameters[int(i)] if value.dim() else value
-                moments.setdefault(int(i), {})[name] = torch.empty_like(like).copy_(value).detach()
         try:
-            self.model.load_state_dict(weights)
-        except RuntimeError:
+            self.model.load_state_dict({key.removeprefix("model/"): v for key, v in tensors.items() if key.startswith("model/")})
+            for key, value in tensors.items():
+                if key.startswith("adam/"):
+                    _, parameter, name = key.split("/")
+                    # In the memory layout of the weight: sums in another order would differ in the last bit.
+                    like = parameters[parameter] if value.dim() else value
+                    moments.setdefault(places[parameter], {})[name] = torch.empty_like(like).copy_(value).detach()
+        except (RuntimeError, KeyError, ValueError):
             raise InputError(f"{path} belongs to another network; start again without --resume") from None
         self.optimiser.load_state_dict({"state": moments, "param_groups": self.optimiser.state_dict()["param_groups"]})
-        self.epoch, self.best_score, self.history = header["epoch"], header["best_score"], header["history"]
+        self.epoch, self.best_score, self.history = epoch, best_score, history
+
+
+def check_settings(old: dict, new: dict, where: Path) -> None:
+    """Raise InputError, naming the setting, if a run made with the settings `old` cannot go on with `new`; FREE_KEYS may differ."""
+    try:
+        pairs = [(f"{part}.{k}", old[part].get(k), new[part].get(k)) for part in new for k in old[part] | new[part]]
+    except (KeyError, AttributeError, TypeError) as error:
+        raise InputError(f"{where} is broken ({error!r}); start again in another folder") from None
+    for key, was, now in pairs:
+        if was != now and key.split(".")[1] not in FREE_KEYS:
+            raise InputError(f"cannot resume {where}: {key} was {was!r} and is now {now!r}; use the old one or another folder")
 
 
 def epoch_order(n: int, config: TrainConfig, epoch: int, rank: int = 0, world: int = 1) -> list[int]:
@@ -200,11 +220,13 @@ def fit(
     if state is None:
         state = TrainState(model, config)
     if state.epoch == 0:
-        # The ray statistics are part of the network: true keypoints of up to 2048 training frames, read once.
-        model.fit_rays(DataLoader(spaced(train_set, 2048), batch_size=256, generator=torch.Generator()))
+        # The ray statistics are part of the network: true keypoints of up to 2048 training frames, no images.
+        model.fit_rays([poses(spaced(train_set, 2048))])
     unused = model.config.gate == "last" and model.config.layer_input == "same"  # only then do layers stay without gradient
     network = DistributedDataParallel(model, find_unused_parameters=unused) if world > 1 else model
-    batch = max(1, config.batch // world)
+    if config.batch % world:
+        raise InputError(f"batch={config.batch} cannot be shared by {world} processes; choose a multiple of {world}")
+    batch = config.batch // world
     val_set = spaced(val_set, config.val_frames)
     steps_per_epoch = math.ceil(len(epoch_order(len(train_set), config, 0, rank, world)) / batch)
     steps = steps_per_epoch * config.epochs
@@ -237,6 +259,10 @@ def fit(
             state.optimiser.step()
             for name in TERMS:
                 sums[name] += terms[name].item() * len(items["t"])
+        if world > 1:  # the mean over all processes, not over rank 0's share
+            shared = torch.tensor(list(sums.values()), dtype=torch.float64, device=device)
+            dist.all_reduce(shared)
+            sums = dict(zip(sums, (shared / world).tolist(), strict=True))
         row = {"epoch": epoch + 1, "lr": lr, **{f"train_{name}": total / len(order) for name, total in sums.items()}}
         row["train_total"] = sum(row[f"train_{name}"] for name in TERMS)
         if rank == 0:  # the others wait at the broadcast below
@@ -309,20 +335,21 @@ def train_on(train_set, val_set, out, model_config, config, resume=False, progre
         a loss that is not finite.
     """
     out = Path(out)
-    data = {"train_frames": len(train_set), "val_frames": len(val_set), "digest": data_digest(train_set)}
-    settings = {"model": model_config.to_dict(), "train": config.to_dict(), "data": data}
     with process_group(config):
+        data = describe_data(train_set, val_set)
         main = not dist.is_initialized() or dist.get_rank() == 0
         if main:
-            prepare_folder(out, settings, resume)
+            prepare_folder(out, {"model": model_config.to_dict(), "train": config.to_dict(), "data": data}, resume)
         if dist.is_initialized():
             dist.barrier()
         torch.manual_seed(config.seed)  # the network's first weights
         resuming = resume and (out / LAST).is_file()
         model = DroneKeyPP(model_config, load_backbone=not resuming).to(choose_device(config))
-        state = TrainState(model, config)
+        state = TrainState(model, config, data)
         if resuming:
             state.load(out / LAST)
+            if main and state.history:  # a kill may have come between the state and its row
+                write_beside(out / METRICS, to_csv(state.history).encode())
 
         def keep(state: TrainState) -> None:
             if main:
@@ -337,9 +364,11 @@ def train_on(train_set, val_set, out, model_config, config, resume=False, progre
     return out / BEST
 
 
-def data_digest(dataset: Dataset) -> str | None:
-    """The digest of all images in the data set's manifest; None for a data set without one."""
-    return getattr(dataset, "manifest", {}).get("digest")
+def describe_data(train_set: Dataset, val_set: Dataset) -> dict[str, Any]:
+    """What a run must find again to be resumed: the frames, their manifest's digest (None without one), the number of processes."""
+    digest = getattr(train_set, "manifest", {}).get("digest")
+    processes = dist.get_world_size() if dist.is_initialized() else 1
+    return {"train_frames": len(train_set), "val_frames": len(val_set), "digest": digest, "processes": processes}
 
 
 def prepare_folder(out: Path, settings: dict, resume: bool) -> None:
@@ -349,12 +378,9 @@ def prepare_folder(out: Path, settings: dict, resume: bool) -> None:
             left.unlink()
         try:
             old = json.loads((out / CONFIG).read_text())
-            pairs = [(f"{part}.{k}", old[part].get(k), v) for part in settings for k, v in settings[part].items()]
-        except (json.JSONDecodeError, KeyError, AttributeError, TypeError) as error:
+        except json.JSONDecodeError as error:
             raise InputError(f"{out / CONFIG} is broken ({error}); start again in another folder") from None
-        for key, was, now in pairs:
-            if was != now and key.split(".")[1] not in FREE_KEYS:
-                raise InputError(f"cannot resume {out}: {key} was {was!r} and is now {now!r}; use the old one or another folder")
+        check_settings(old, settings, out / CONFIG)
         return
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         mend = "choose another folder" if resume else "add --resume to go on, or choose another folder"

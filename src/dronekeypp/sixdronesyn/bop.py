@@ -19,6 +19,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import ConvexHull
+from scipy.spatial.distance import pdist
 
 from ..camera import check_intrinsics
 from ..errors import InputError
@@ -95,7 +97,7 @@ class Frame:
             raise InputError(f"{where[2]} frame {number}: bbox_obj has no area ({box[2]:g} × {box[3]:g} px)")
         square = None if info.get("crop") is None else _array(info, "crop", 3, f"{where[2]} frame {number}")
         obj_id = truth.get("obj_id")
-        if obj_id not in range(1, len(DRONES) + 1):
+        if type(obj_id) is not int or not 1 <= obj_id <= len(DRONES):
             raise InputError(f"{gt}: obj_id {obj_id!r} is not one of 1 to {len(DRONES)}")
         return cls(
             number=number,
@@ -169,14 +171,29 @@ def read_flight(folder):
     """
     folder = Path(folder)
     files = [folder / name for name in SCENE_FILES]
-    cameras, truths, infos = (read_json(f) for f in files)
-    frames = []
-    for key in sorted(cameras, key=int):
-        for file, part in zip(files[1:], (truths, infos), strict=True):
-            if not part.get(key):
-                raise InputError(f"{file} frame {key}: no annotation; generate this flight again")
-        frames.append(Frame.from_bop(int(key), cameras[key], truths[key][0], infos[key][0], files))
-    return frames, read_json(folder / "flight.json")
+    entries = read_entries(folder)
+    for number, entry in entries.items():
+        for file, part in zip(files, entry, strict=True):
+            if part is None:
+                raise InputError(f"{file} frame {number}: no annotation; generate this flight again")
+    return [Frame.from_bop(number, *entry, files) for number, entry in entries.items()], read_json(folder / "flight.json")
+
+
+def read_entries(folder):
+    """{frame number: (camera, truth, info)} of one flight folder, in order; None where a file lacks a frame or holds no object there.
+
+    Raises:
+        InputError: a file is missing, not JSON, or not a table of frames.
+    """
+    tables = []
+    for name in SCENE_FILES:
+        table = read_json(folder / name)
+        if not isinstance(table, dict) or not all(key.isdigit() for key in table):
+            raise InputError(f"{folder / name}: not a table of frames; generate this flight again")
+        if name != SCENE_FILES[0]:  # BOP lists the objects of a frame; here there is one
+            table = {key: one[0] if isinstance(one, list) and one else None for key, one in table.items()}
+        tables.append({int(key): one if isinstance(one, dict) else None for key, one in table.items()})
+    return {n: tuple(table.get(n) for table in tables) for n in sorted(set().union(*tables))}
 
 
 def image_path(folder, number):
@@ -196,10 +213,9 @@ def models_info():
     for drone in DRONES.values():
         points = np.asarray(drone_mesh(drone.name).body.points, dtype=np.float64) * MM
         low, size = points.min(0), np.ptp(points, axis=0)
-        centre = low + size / 2
         info[str(drone.index + 1)] = {
             "name": drone.name,
-            "diameter": round(float(2 * np.linalg.norm(points - centre, axis=1).max()), 2),
+            "diameter": round(float(pdist(points[ConvexHull(points).vertices]).max()), 2),
             **{f"min_{axis}": round(float(v), 2) for axis, v in zip("xyz", low, strict=True)},
             **{f"size_{axis}": round(float(v), 2) for axis, v in zip("xyz", size, strict=True)},
             "keypoints": [_numbers(hub * MM) for hub in drone.hubs],

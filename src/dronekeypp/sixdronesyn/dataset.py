@@ -10,7 +10,7 @@ from ..camera import CROP_MARGIN, clamp_square, crop_image, square_around, to_cr
 from ..errors import InputError
 from . import bop
 from .drones import DRONES
-from .scenes import HEIGHT, SPLITS, WIDTH
+from .scenes import HEIGHT, SPLITS, WIDTH, subsequences
 
 
 def read_image(path):
@@ -71,9 +71,16 @@ class SixDroneSyn(torch.utils.data.Dataset):
             raise InputError(f"split {split!r}: choose {', '.join(SPLITS)}")
         self.root, self.split, self.size, self.augment, self.seed, self.epoch = Path(root), split, size, augment, seed, 0
         self.manifest = bop.read_json(self.root / "manifest.json")
+        for name in drones or ():
+            if name not in DRONES:
+                raise InputError(f"drone {name!r}: choose from {', '.join(DRONES)}")
         wanted = {DRONES[name].index + 1 for name in (drones or DRONES)}
+        folders = bop.flight_folders(root, split)
+        planned = [s for s in subsequences() if s.split == split and f"{s.id:06d}" in self.manifest.get("planned", {})]
+        if len(folders) < len(planned):
+            raise InputError(f"{self.root}: {len(folders)} of {len(planned)} {split} flights are there; run generate again, it resumes")
         self.frames, self.folders = [], []
-        for folder in bop.flight_folders(root, split):
+        for folder in folders:
             frames, _ = bop.read_flight(folder)
             kept = [f for f in frames[::stride] if f.obj_id in wanted]
             self.frames += kept

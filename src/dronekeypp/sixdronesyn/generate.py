@@ -18,6 +18,7 @@ import joblib
 import numpy as np
 import pyvista as pv
 import vtk
+from filelock import FileLock
 from scipy.spatial import ConvexHull
 from tqdm import tqdm
 
@@ -245,10 +246,12 @@ def generate(root, scene_numbers=None, drone_names=None, frames="crop", size=128
         "size": size if frames == "crop" else None,
         "stride": stride,
         "environments": "procedural" if environments is None else Path(environments).resolve().name,
-        "environment_digests": {Path(f).stem: digest(Path(f).read_bytes()) for f in files},
+        "environment_digests": {Path(f).name: digest(Path(f).read_bytes()) for f in files},
     }
     plan = scenes.subsequences(scene_numbers, drone_names)
-    _start_manifest(root, settings, plan)
+    root.mkdir(parents=True, exist_ok=True)
+    with _lock(root):
+        _start_manifest(root, settings, plan)
     mine = [s for i, s in enumerate(plan) if i % shard[1] == shard[0]]
     threads = 1 if workers > 1 else 2
     jobs = (joblib.delayed(_work)(root, s, settings, files, stride, threads) for s in mine)
@@ -260,6 +263,8 @@ def generate(root, scene_numbers=None, drone_names=None, frames="crop", size=128
 
 
 def _check_arguments(scene_numbers, drone_names, frames, size, stride, seed, workers, shard):
+    if scene_numbers == [] or drone_names == []:
+        raise InputError("the list of scenes or drones is empty; leave it out for all of them")
     for n in scene_numbers or ():
         if n not in scenes.SCENES:
             raise InputError(f"scene {n}: there are scenes 1 to {max(scenes.SCENES)}")
@@ -276,12 +281,19 @@ def _check_arguments(scene_numbers, drone_names, frames, size, stride, seed, wor
         raise InputError(f"shard {shard[0]}/{shard[1]}: I counts from 0 to N − 1")
 
 
+def _lock(root):
+    """One process at a time reads, changes and writes what describes the whole data set; shards may run side by side."""
+    return FileLock(root / ".lock")
+
+
 def _start_manifest(root, settings, plan):
     """Write the plan before the first frame; refuse a folder that was started with other settings."""
-    path = root / "manifest.json"
+    path, old = root / "manifest.json", None
     planned = {f"{s.id:06d}": len(scenes.frame_numbers(s, settings["stride"])) for s in plan}
     if path.exists():
         old = bop.read_json(path)
+        if not isinstance(old, dict) or not {"settings", "versions", "planned"} <= old.keys():
+            raise InputError(f"{path}: not the manifest of a data set; choose another folder")
         for key, value in settings.items():
             if old["settings"].get(key) != value:
                 raise InputError(
@@ -289,10 +301,9 @@ def _start_manifest(root, settings, plan):
                     "choose another folder or repeat its settings"
                 )
         planned = old["planned"] | planned
-    elif root.exists() and any(root.iterdir()):
+    elif any(not p.name.startswith(".") for p in root.iterdir()):
         raise InputError(f"{root}: the folder is not empty and holds no manifest.json; choose an empty or new folder")
-    root.mkdir(parents=True, exist_ok=True)
-    versions = {
+    now = {
         "python": platform.python_version(),
         "numpy": np.__version__,
         "opencv": cv2.__version__,
@@ -300,6 +311,8 @@ def _start_manifest(root, settings, plan):
         "vtk": vtk.vtkVersion.GetVTKVersion(),
         "platform": sys.platform,
     }
+    versions = old["versions"] if old else []  # a resumed data set may have been rendered by several
+    versions += [now] * (now not in versions)
     bop.write_json(path, {"name": "6DroneSyn", "settings": settings, "versions": versions, "planned": dict(sorted(planned.items()))}, indent=1)
 
 
@@ -311,21 +324,32 @@ def _short(value):
 def finish(root):
     """Bring manifest.json, models/ and the COCO files up to what is on disk. The last shard to finish leaves them complete."""
     root = Path(root)
+    with _lock(root):
+        return _finish(root)
+
+
+def totals(planned, flights):
+    """What the manifest says of the whole data set, from the plan {flight: frames} and {flight: {"split", "digests"}}."""
+    counts = {split: sum(len(f["digests"]) for f in flights.values() if f["split"] == split) for split in scenes.SPLITS}
+    result = {"planned_frames": sum(planned.values()), "frames": counts}
+    for key, part in (("digest", 0), ("annotation_digest", 1)):  # pixels may differ between renderers; annotations never do
+        rows = [[name, number, pair[part]] for name, f in sorted(flights.items()) for number, pair in f["digests"].items()]
+        result[key] = annotation_digest(rows)
+    return result
+
+
+def _finish(root):
     manifest = bop.read_json(root / "manifest.json")
     flights = {}
     for split in scenes.SPLITS:
         for folder in bop.flight_folders(root, split):
             flights[folder.name] = {"split": split, "digests": bop.read_json(folder / "flight.json")["digests"]}
-    manifest["planned_frames"] = sum(manifest["planned"].values())
-    manifest["frames"] = {split: sum(len(f["digests"]) for f in flights.values() if f["split"] == split) for split in scenes.SPLITS}
-    for key, part in (("digest", 0), ("annotation_digest", 1)):  # pixels may differ between renderers; annotations never do
-        rows = [[name, number, pair[part]] for name, f in sorted(flights.items()) for number, pair in f["digests"].items()]
-        manifest[key] = annotation_digest(rows)
+    manifest |= totals(manifest["planned"], flights)
     manifest["flights"] = dict(sorted(flights.items()))
     models = root / "models"
     if not (models / "models_info.json").exists():
         models.mkdir(exist_ok=True)
-        for drone in DRONES.values():
+        for drone in DRONES.values():  # models_info.json comes last: it says that they are all there
             mesh = drone_mesh(drone.name).body
             body = pv.PolyData(mesh.points * np.float32(bop.MM), mesh.faces)
             body.point_data["rgb"] = mesh.point_data["rgb"]

@@ -16,8 +16,6 @@ from .airframes import parts
 from .drones import DRONES, Drone
 from .shapes import as_polydata, merge
 
-# seen from above, +1 turns counter-clockwise: neighbours turn against each other, as on every quadcopter
-SPIN = np.array([-1.0, 1.0, -1.0, 1.0])
 SPOKES = 48
 # radius and chord as shares of the propeller's radius: narrow at the nut, widest at a third, a slim tip
 BLADE = np.array([[0.03, 0.01], [0.10, 0.07], [0.34, 0.20], [0.62, 0.165], [0.86, 0.12], [0.97, 0.085], [1.0, 0.02]])

@@ -134,7 +134,7 @@ class Panorama:
         peak = up.reshape(-1, 3)[bright[0]]
         near = up.reshape(-1, 3)[bright] @ peak > np.cos(np.radians(15))
         bright = bright[near]
-        gain = luminance.ravel()[bright] * weight.ravel()[bright]
+        gain = luminance.ravel()[bright] * weight.ravel()[bright] + 1e-12  # a black sky still has a direction
         direction = (up.reshape(-1, 3)[bright] * gain[:, None]).sum(0)
         direction = direction / np.linalg.norm(direction)
 

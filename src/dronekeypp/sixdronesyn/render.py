@@ -4,9 +4,9 @@ Full frames and crops go through the same steps: the panorama is sampled at the 
 crop is the picture that the full frame would give there.
 """
 
+import os
 import subprocess
 import sys
-from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -36,13 +36,17 @@ _SHADE = """
 """
 
 
-@lru_cache(maxsize=1)
+_CHECKED = "DRONEKEYPP_OPENGL_CHECKED"
+
+
 def check_opengl():
     """Draw one triangle in a process of its own: without an OpenGL library VTK does not raise, it crashes.
 
     Raises:
         InputError: this machine cannot render; the message names the package to install.
     """
+    if os.environ.get(_CHECKED):  # by the process that started this one
+        return
     probe = "import dronekeypp.sixdronesyn, pyvista as pv; p = pv.Plotter(off_screen=True); p.add_mesh(pv.Triangle()); p.screenshot()"
     done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True)
     if done.returncode != 0:
@@ -50,6 +54,7 @@ def check_opengl():
             "this machine has no OpenGL library to render with; on Debian or Ubuntu: apt-get install libegl1 libgl1-mesa-dri "
             "(training and evaluation need none)"
         )
+    os.environ[_CHECKED] = "1"
 
 
 def _actor(mesh, rgba):
@@ -73,6 +78,7 @@ class DroneRenderer:
     """
 
     def __init__(self, name, resolution):
+        check_opengl()
         self.mesh = drone_mesh(name)
         self.resolution = resolution
         self._body = _actor(self.mesh.body, "rgb")
@@ -168,9 +174,9 @@ def directions(K, camera_R, x0, y0, x1, y1):
 
 
 def window_around(square, width, height):
-    """The whole pixels (x, y, side) of a `width` × `height` frame that hold `square`, one more where they must."""
-    side = int(min(np.ceil(square[2]) + 1, width, height))
-    corner = np.floor(square[:2]).astype(int)
+    """The whole pixels (x, y, side) of a `width` × `height` frame that hold `square` and the pixels next to it."""
+    side = int(min(np.ceil(square[2]) + 3, width, height))  # and a pixel on each side, which interpolation at the edge reads
+    corner = np.floor(square[:2]).astype(int) - 1
     return int(np.clip(corner[0], 0, width - side)), int(np.clip(corner[1], 0, height - side)), side
 
 

@@ -11,7 +11,7 @@ from ..errors import InputError
 from . import bop, scenes
 from .dataset import read_image
 from .drones import DRONES
-from .generate import annotation_digest, digest
+from .generate import annotation_digest, digest, totals
 
 
 def validate(root, progress=False):
@@ -44,6 +44,7 @@ def validate(root, progress=False):
         for a, b in (("train", "val"), ("train", "test"), ("val", "test")):
             for environment in sorted(environments[a] & environments[b]):
                 faults.append(f"{root}: environment {environment} is in two splits, {a} and {b}")
+    faults += _check_totals(root, flights, manifest)
     for split, count in manifest.get("frames", {}).items():
         if count:
             try:
@@ -53,6 +54,21 @@ def validate(root, progress=False):
             except InputError as error:
                 faults.append(str(error))
     return faults
+
+
+def _check_totals(root, folders, manifest):
+    """The manifest's own list, counts and digests are those of the flights on disk."""
+    if "flights" not in manifest:
+        return []  # not finished; said elsewhere
+    flights = {}
+    for split, name, folder in folders:
+        try:
+            flights[name] = {"split": split, "digests": dict(bop.read_json(folder / "flight.json")["digests"])}
+        except (InputError, KeyError, TypeError, ValueError):
+            return []  # named with the flight
+    wrong = [key for key, value in totals(manifest["planned"], flights).items() if manifest.get(key) != value]
+    wrong += ["flights"] * (manifest["flights"] != flights)
+    return [f"{root / 'manifest.json'}: its {key} is not what is on disk; run generate again to renew it" for key in wrong]
 
 
 def _check_splits(root, found, manifest):
@@ -76,34 +92,34 @@ def _check_splits(root, found, manifest):
 def _check_flight(folder, manifest, planned, split, images, environments):
     files = [folder / name for name in bop.SCENE_FILES]
     try:
-        cameras, truths, infos = (bop.read_json(f) for f in files)
+        entries = bop.read_entries(folder)
         flight = bop.read_json(folder / "flight.json")
-        digests = flight["digests"]
+        digests = dict(flight["digests"])
     except InputError as error:
         return [str(error)]
-    except (KeyError, TypeError):
+    except (KeyError, TypeError, ValueError):
         return [f"{folder / 'flight.json'}: no digests; generate this flight again"]
     faults = []
-    if planned is not None and len(cameras) != planned:
-        faults.append(f"{files[0]}: {len(cameras)} frames instead of {planned}")
+    stride = manifest["settings"]["stride"]
+    if planned is not None and list(entries) != list(range(0, planned * stride, stride)):
+        faults.append(f"{files[0]}: its frames are not the {planned} planned ones, every {stride}. from 0")
     recorded = manifest.get("flights", {}).get(folder.name, {}).get("digests", digests)
     if recorded != digests:
         faults.append(f"{folder / 'flight.json'}: its digests are not the manifest's; run generate again to renew the manifest")
     environments[split].add(flight.get("environment"))
-    for extra in sorted({p.name for p in (folder / "rgb").glob("*")} - {f"{int(n):06d}.jpg" for n in cameras}):
+    for extra in sorted({p.name for p in (folder / "rgb").glob("*")} - {f"{n:06d}.jpg" for n in entries}):
         faults.append(f"{folder / 'rgb' / extra}: an image without an annotation")
-    for n in sorted(cameras, key=int):
-        truth, info = truths.get(n) or [None], infos.get(n) or [None]
-        if truth[0] is None or info[0] is None:
-            faults.append(f"{files[1 if truth[0] is None else 2]} frame {n}: no annotation; generate this flight again")
+    for n, entry in entries.items():
+        if None in entry:
+            faults.append(f"{files[entry.index(None)]} frame {n}: no annotation; generate this flight again")
             continue
-        pair = digests.get(n, ["", ""])
-        if annotation_digest([cameras[n], truth[0], info[0]]) != pair[1]:
+        pair = digests.get(str(n), ["", ""])
+        if annotation_digest(entry) != pair[1]:
             faults.append(f"{folder} frame {n}: the annotation is not the one that was generated (its digest differs)")
-        faults += _check_image(bop.image_path(folder, int(n)), pair[0], manifest["settings"])
-        images[pair[0]].append((split, bop.image_path(folder, int(n))))
+        faults += _check_image(bop.image_path(folder, n), pair[0], manifest["settings"])
+        images[pair[0]].append((split, bop.image_path(folder, n)))
         try:
-            frame = bop.Frame.from_bop(int(n), cameras[n], truth[0], info[0], files)
+            frame = bop.Frame.from_bop(n, *entry, files)
         except InputError as error:
             faults.append(str(error))
         else:
