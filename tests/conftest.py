@@ -9,13 +9,15 @@ from dronekeypp.sixdronesyn.generate import generate
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # for the processes that tests start; see notebooks/conftest.py
 
 
-def paint_environments(folder, n=6):
+def paint_environments(folder, n=6, seed=5):
     """`n` small panoramas: a blue sky with a sun over a patterned ground. Enough to be told apart, quick to draw."""
     folder.mkdir(parents=True, exist_ok=True)
-    rng = np.random.default_rng(5)
+    rng = np.random.default_rng(seed)
     for i in range(n):
         v, u = np.mgrid[0:256, 0:512]
         sky = np.stack([90 + v * 0.4, 140 + v * 0.35, 215 + v * 0.1], -1)
+        if seed != 5:
+            sky = sky[..., ::-1]  # another world, at sunset
         ground = np.stack([90 + 40 * np.sin(u / (5 + i)), 110 + 30 * np.cos(v / 3 + i), 60 + 0 * u], -1)
         image = np.where(v[..., None] < 128, sky, ground) + rng.normal(0, 3, (256, 512, 1))
         cv2.circle(image, (60 + 70 * i, 50), 6, (255, 250, 235), -1)

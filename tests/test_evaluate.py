@@ -8,11 +8,11 @@ import torch
 from fakes import FakeDrones, tiny, turn
 from torch import nn
 
+from dronekeypp.camera import square_around
 from dronekeypp.errors import InputError
 from dronekeypp.evaluate import (
     MEASURES,
     averages,
-    best_constant_rotation,
     constant_baseline,
     evaluate,
     format_table,
@@ -21,7 +21,7 @@ from dronekeypp.evaluate import (
     summarise,
 )
 from dronekeypp.model import DroneKeyPP, ModelConfig, loss_terms
-from dronekeypp.rotations import geodesic_degrees
+from dronekeypp.rotations import best_constant_rotation, geodesic_degrees
 
 NAMES = list("ABCDEFG")
 
@@ -51,8 +51,26 @@ def test_known_errors_come_back():
     np.testing.assert_allclose(frames["t_axis_m"], np.tile([0, 0.3, 0.4], (24, 1)), atol=1e-5)
     np.testing.assert_allclose(frames["keypoint_crop_px"], 0.05 * 32, rtol=1e-3)
     np.testing.assert_allclose(frames["keypoint_px"], 0.05 * dataset.data["square"][:, 2], rtol=1e-3)
-    assert frames["class_correct"].all() and not frames["flip"].any()
+    assert frames["class_correct"].all() and not frames["flip"].any() and not frames["failed"].any()
     assert frames["frame"].tolist() == list(range(24))
+    np.testing.assert_allclose(np.cos(np.radians(frames["heading_deg"])), heading_cosine(dataset.data), atol=1e-4)
+
+
+def heading_cosine(data):
+    """Of the angle between the nose and the way from the drone to the camera."""
+    away = data["t"] / data["t"].norm(dim=1, keepdim=True)
+    return -(data["R"][:, :, 0] * away).sum(dim=1).numpy()
+
+
+@pytest.mark.parametrize("error, share", [(0.041, 1.0), (0.042, 0.0)])
+def test_pck_counts_keypoints_within_a_twentieth_of_the_box(error, share):
+    """The box's longer side is the crop's over 1.2, so 5 % of it are 0.0417 crop units."""
+    assert square_around((0, 0, 100, 50))[2] == 120
+    data = FakeDrones(5).data
+    output = {"keypoints": data["keypoints"] + torch.tensor([error, 0.0])}
+    frames = frame_errors(output, {**data, "image": torch.zeros(5, 3, 32, 32)})
+    assert (frames["pck"] == share).all()
+    assert np.isnan(frames["R_deg"]).all() and np.isnan(frames["class_correct"]).all() and (frames["predicted"] == -1).all()
 
 
 @pytest.mark.parametrize("axis, angle, flipped", [(2, 100, True), (2, 80, False), (0, 170, False), (1, 100, True)])
@@ -66,6 +84,7 @@ def test_rows_by_scene_and_drone():
     frames = {
         "R_deg": np.array([1.0, 2.0, 6.0, 10.0]), "t_m": np.array([0.1, 0.2, 0.6, 1.0]), "t_axis_m": np.ones((4, 3)) * 0.1,
         "class_correct": np.array([True, True, False, True]), "keypoint_px": np.ones(4), "keypoint_crop_px": np.ones(4),
+        "pck": np.ones(4), "failed": np.zeros(4, dtype=bool),
         "flip": np.array([False, False, True, False]), "scene": np.array([6, 6, 6, 7]), "label": np.array([1, 1, 1, 0]),
         "subsequence": np.array([0, 0, 1, 0]),
     }  # fmt: skip

@@ -11,6 +11,7 @@ from torch import nn
 
 from dronekeypp import camera
 from dronekeypp.errors import InputError
+from dronekeypp.files import write_beside
 from dronekeypp.model import (
     CompactResNet,
     DroneKeyPP,
@@ -23,7 +24,6 @@ from dronekeypp.model import (
     sine_positions,
     total_loss,
 )
-from dronekeypp.model.network import write_beside
 
 
 def batch(n=3, size=32):

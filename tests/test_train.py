@@ -281,6 +281,18 @@ def test_soft_argmax_finds_a_peak():
     torch.testing.assert_close(pretrain.soft_argmax(logits)[0], torch.tensor([[4.5 / 6, 1.5 / 6], [0.5, 2.5 / 6]]))
 
 
+def test_pretraining_takes_several_data_sets(small_dataset, tmp_path):
+    small = {**tiny(), "batch": 16, "device": "cpu"}
+    path = pretrain.pretrain([small_dataset, small_dataset], tmp_path / "b.safetensors", epochs=1, overrides=small, progress=False)
+    with safe_open(path, "pt") as file:
+        header = file.metadata()
+    digest = json.loads((small_dataset / "manifest.json").read_text())["digest"]
+    assert header["train_frames"] == "48" and header["dataset_digest"] == f"{digest}+{digest}"
+    assert set(json.loads(header["validation"])) >= {"val_keypoint_crop_px", "val_class_accuracy", "val_R_medae_deg"}
+    with pytest.raises(InputError, match="pretraining has its own losses and no schedule"):
+        pretrain.pretrain([small_dataset], tmp_path / "c.safetensors", overrides={"schedule": "tanh"})
+
+
 def test_pretraining_writes_a_backbone_that_fits_and_resumes(tmp_path):
     config, data, val = ModelConfig(**tiny()), FakeDrones(24), FakeDrones(8, seed=1)
     run = settings(epochs=2, mirror=True)

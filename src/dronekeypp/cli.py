@@ -51,20 +51,30 @@ def _train(args):
     from .presets import parse_overrides
     from .train import train
 
-    train(args.dataset, args.out, preset=args.preset, overrides=parse_overrides(args.set), resume=args.resume)
+    train(args.dataset, args.out, preset=args.preset, overrides=parse_overrides(args.set), resume=args.resume, method=args.method)
 
 
 def _pretrain(args):
     from .presets import parse_overrides
     from .pretrain import pretrain
 
-    pretrain(args.dataset, args.out, epochs=args.epochs, overrides=parse_overrides(args.set), resume=args.resume)
+    pretrain(args.datasets, args.out, args.val, epochs=args.epochs, overrides=parse_overrides(args.set), resume=args.resume)
 
 
 def _evaluate(args):
     from .evaluate import evaluate_checkpoint
 
     evaluate_checkpoint(args.checkpoint, args.dataset, split=args.split, json_file=args.json)
+
+
+def _reproduce(args):
+    from .presets import parse_overrides
+    from .reproduce import reproduce
+
+    reproduce(
+        args.name, args.preset, args.seeds, parse_overrides(args.set), args.data, args.root, args.stride, args.environments, args.photographs,
+        args.workers,
+    )  # fmt: skip
 
 
 class _Parser(argparse.ArgumentParser):
@@ -97,17 +107,19 @@ def parser():
     p.set_defaults(run=_validate)
 
     p = verbs.add_parser("pretrain", help="train a backbone on the training scenes, the stand-in for ImageNet weights")
-    p.add_argument("dataset", type=Path)
+    p.add_argument("datasets", type=Path, nargs="+", metavar="DATASET")
+    p.add_argument("--val", type=Path, metavar="DATASET", help="whose validation scenes to measure on (default: the first)")
     p.add_argument("--out", type=Path, required=True, metavar="FILE")
-    p.add_argument("--epochs", type=int, default=9)
+    p.add_argument("--epochs", type=int, default=7)
     p.add_argument("--set", action="append", metavar="key=value")
     p.add_argument("--resume", action="store_true")
     p.set_defaults(run=_pretrain)
 
-    p = verbs.add_parser("train", help="train DroneKey++")
+    p = verbs.add_parser("train", help="train DroneKey++, or a baseline")
     p.add_argument("dataset", type=Path)
     p.add_argument("--out", type=Path, required=True, metavar="RUN")
     p.add_argument("--preset", default="cpu", help="cpu (default) or paper")
+    p.add_argument("--method", default="DroneKey++", help="DroneKey++ (default), DroneKey or DronePose")
     p.add_argument("--set", action="append", metavar="key=value", help="change one setting of the preset; repeat as you like")
     p.add_argument("--resume", action="store_true", help="go on where RUN stopped")
     p.set_defaults(run=_train)
@@ -118,6 +130,19 @@ def parser():
     p.add_argument("--split", default="test", choices=("train", "val", "test"))
     p.add_argument("--json", type=Path, metavar="FILE", help="also write the rows there")
     p.set_defaults(run=_evaluate)
+
+    p = verbs.add_parser("reproduce", help="measure a table from nothing: render, train, evaluate, write; run it again to resume")
+    p.add_argument("name", metavar="NAME", help="table3, or domains (with --photographs)")
+    p.add_argument("--preset", default="cpu", help="cpu (default) or paper")
+    p.add_argument("--seeds", type=int, default=1, metavar="N", help="trainings a row (default 1)")
+    p.add_argument("--set", action="append", metavar="key=value", help="change one setting of every run")
+    p.add_argument("--data", type=Path, metavar="DATASET", help="default: data/6dronesyn; rendered if it is not there")
+    p.add_argument("--stride", type=int, default=1, metavar="N", help="of the rendering: keep every N-th frame of each flight")
+    p.add_argument("--environments", type=Path, metavar="DIR", help="of the rendering: your own panoramas")
+    p.add_argument("--photographs", type=Path, metavar="DIR", help="domains only: photographed panoramas to set against the drawn ones")
+    p.add_argument("--root", type=Path, default=Path("."), metavar="DIR", help="where runs/, figures/ and data_samples/results/ lie")
+    p.add_argument("--workers", type=int, default=2, metavar="N", help="rendering processes")
+    p.set_defaults(run=_reproduce)
     return top
 
 

@@ -10,6 +10,7 @@ import json
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -19,8 +20,7 @@ from tqdm import tqdm
 
 from dronekeypp import rotations
 from dronekeypp.errors import InputError
-from dronekeypp.model import DroneKeyPP
-from dronekeypp.model.network import write_beside
+from dronekeypp.files import write_beside
 
 # One column of a row of results: its key and what makes it from the frames of that row.
 MEASURES: dict[str, Callable[[dict[str, np.ndarray]], float]] = {
@@ -33,34 +33,52 @@ MEASURES: dict[str, Callable[[dict[str, np.ndarray]], float]] = {
     "keypoint_px": lambda f: f["keypoint_px"].mean(),
     "keypoint_medae_px": lambda f: np.median(f["keypoint_px"]),
     "keypoint_crop_px": lambda f: f["keypoint_crop_px"].mean(),
+    "pck": lambda f: f["pck"].mean(),
     "flip_rate": lambda f: f["flip"].mean(),
+    "failed": lambda f: f["failed"].mean(),
 }
+MARGIN = 1.2  # of the crops that are evaluated: their side over the longer side of the box (`camera.square_around`)
+PCK = 0.05  # of the box's longer side
+PARTS = {"R_deg": "R", "t_m": "t", "keypoint_units": "keypoints"}  # which part of the output an error needs
 INTERVALS = ("R_mae_deg", "R_medae_deg", "t_mae_m", "t_medae_m", "class_accuracy")
 
 
 def frame_errors(output: dict, batch: dict) -> dict[str, np.ndarray]:
-    """Errors of one batch, an array per measure.
+    """Errors of one batch, an array per measure; NaN where `output` lacks the part (a baseline without a class, say).
 
-    R_deg: geodesic angle · t_m: Euclidean distance · t_axis_m (B, 3): per camera axis · class_correct, label, predicted ·
-    keypoint_px: mean distance of the four keypoints in full-frame pixels, keypoint_crop_px: in pixels of the resized crop ·
-    flip: the predicted nose points more than 90 degrees away from the true one.
+    R_deg: geodesic angle · t_m: Euclidean distance · t_axis_m (B, 3): per camera axis · class_correct, label, predicted (-1: none) ·
+    keypoint_units: mean distance of the four keypoints in crop units, keypoint_px in full-frame pixels, keypoint_crop_px in pixels of the
+    resized crop · pck: share of the four within 5 % of the box's longer side · flip: the predicted nose points more than 90 degrees
+    away from the true one · heading_deg: angle between the true nose and the way to the camera (0: it looks at us, 180: away from us) ·
+    failed: no pose was found, and R and t are the method's constant answer.
     """
     R, t, square = batch["R"], batch["t"], batch["square"]
-    units = (output["keypoints"] - batch["keypoints"]).norm(dim=-1).mean(dim=-1)  # (B,) crop units
-    predicted = output["class_probs"].argmax(dim=-1)
+    nothing = torch.full_like(t[:, 0], torch.nan)
+    has = {name: output.get(name) is not None for name in ("R", "t", "keypoints", "class_probs", "failed")}
+    apart = (output["keypoints"] - batch["keypoints"]).norm(dim=-1) if has["keypoints"] else nothing[:, None].expand(-1, 4)  # (B, 4)
+    units = apart.mean(dim=-1)
+    away = output["t"] - t if has["t"] else nothing[:, None].expand(-1, 3)
+    predicted = torch.full_like(batch["label"], -1)
+    if has["class_probs"]:  # all zeros: no answer (a detector that found nothing)
+        predicted = torch.where(output["class_probs"].sum(dim=-1) > 0, output["class_probs"].argmax(dim=-1), predicted)
+    nose = (output["R"][:, :, 0] * R[:, :, 0]).sum(dim=-1) if has["R"] else nothing
     errors = {
-        "R_deg": rotations.geodesic_degrees(output["R"], R),
-        "t_m": (output["t"] - t).norm(dim=-1),
-        "t_axis_m": (output["t"] - t).abs(),
+        "R_deg": rotations.geodesic_degrees(output["R"], R) if has["R"] else nothing,
+        "t_m": away.norm(dim=-1),
+        "t_axis_m": away.abs(),
         "distance_m": t.norm(dim=-1),
-        "class_correct": predicted == batch["label"],
+        "heading_deg": torch.rad2deg(torch.acos((-(R[:, :, 0] * t).sum(dim=-1) / t.norm(dim=-1)).clamp(-1, 1))),
+        "class_correct": (predicted == batch["label"]).to(t.dtype) if has["class_probs"] else nothing,
         "label": batch["label"],
         "predicted": predicted,
+        "keypoint_units": units,
         "keypoint_px": units * square[:, 2],
         "keypoint_crop_px": units * batch["image"].shape[-1],
-        "flip": (output["R"][:, :, 0] * R[:, :, 0]).sum(dim=-1) < 0,
-        "R": output["R"],
-        "t": output["t"],
+        "pck": torch.where(apart.isnan(), apart, (apart * MARGIN < PCK).to(t.dtype)).mean(dim=-1),
+        "flip": torch.where(nose.isnan(), nose, (nose < 0).to(t.dtype)),
+        "failed": output["failed"] if has["failed"] else torch.zeros_like(predicted, dtype=torch.bool),
+        "R": output["R"] if has["R"] else nothing[:, None, None].expand(-1, 3, 3),
+        "t": output["t"] if has["t"] else nothing[:, None].expand(-1, 3),
     }
     for name in ("scene", "frame", "subsequence"):
         errors[name] = batch[name]
@@ -71,10 +89,9 @@ def to_device(batch: dict, device: torch.device | str) -> dict:
     return {name: value.to(device, non_blocking=True) for name, value in batch.items() if torch.is_tensor(value)}
 
 
-def apply_model(model: nn.Module, batch: dict, encoder: str = "learned") -> dict:
-    """Run a network on a batch; with encoder="truth" (Table 4) it is handed the true keypoints and label."""
-    truth = (batch["keypoints"], batch["label"]) if encoder == "truth" else ()
-    return model(batch["image"], batch["K"], batch["square"], *truth)
+def apply_model(model: nn.Module, batch: dict, told: Sequence[str] = ()) -> dict:
+    """Run a network on a batch, with the truths that `told` names (`PoseNetwork.told`; Table 4 hands over keypoints and label)."""
+    return model(batch["image"], batch["K"], batch["square"], **{name: batch[name] for name in told})
 
 
 def evaluate(
@@ -97,21 +114,22 @@ def evaluate(
         raise InputError("nothing to evaluate: the data set has no frames")
     device = next(model.parameters()).device
     loader = DataLoader(dataset, batch_size=batch, num_workers=workers, generator=torch.Generator())
-    encoder = getattr(getattr(model, "config", None), "encoder", "learned")
-    parts, losses, was_training = [], {}, model.training
+    told = getattr(model, "told", ())
+    parts, losses, present, was_training = [], {}, [], model.training
     model.eval()
     try:
         with torch.inference_mode():
             for items in progress(loader) if progress else loader:
                 items = to_device(items, device)
-                output = apply_model(model, items, encoder)
+                output = apply_model(model, items, told)
                 parts.append(frame_errors(output, items))
+                present = [error for error, part in PARTS.items() if output.get(part) is not None]
                 for name, value in (criterion(output, items) if criterion else {}).items():
                     losses[name] = losses.get(name, 0.0) + value.item() * len(items["t"])
     finally:
         model.train(was_training)
     frames = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    bad = ~(np.isfinite(frames["R_deg"]) & np.isfinite(frames["t_m"]))
+    bad = ~np.isfinite([frames[error] for error in present]).all(axis=0)
     if bad.any():
         i = int(bad.argmax())
         raise InputError(
@@ -154,8 +172,8 @@ def summarise(frames: dict[str, np.ndarray], names: Sequence[str] | None = None,
 def averages(frames: dict[str, np.ndarray], draws: int = 1000, seed: int = 0, **labels) -> list[dict]:
     """Two rows: "over": "rows" (mean of the scene-and-drone rows, as a table's last column) and "over": "frames".
 
-    The second carries 95 % bootstrap intervals, KEY_ci95: [low, high]. Frames of a flight resemble each other, so whole
-    subsequences (scene, drone, subsequence) are drawn, not frames: an honest interval is wider.
+    Both carry 95 % bootstrap intervals, KEY_ci95: [low, high]. Frames of a flight resemble each other, so frames are never drawn: the first
+    draws the rows, the second whole subsequences (scene, drone, subsequence). An honest interval is wider.
     """
     rows = summarise(frames, names=[str(i) for i in range(int(frames["label"].max()) + 1)])
     by_rows = {name: float(np.mean([row[name] for row in rows])) for name in MEASURES}
@@ -169,7 +187,9 @@ def averages(frames: dict[str, np.ndarray], draws: int = 1000, seed: int = 0, **
         chosen = np.concatenate([members[g] for g in generator.integers(len(members), size=len(members))])
         for name in INTERVALS:
             drawn[name].append(float(MEASURES[name]({key: v[chosen] for key, v in _of(frames, name).items()})))
-    intervals = {f"{name}_ci95": [float(q) for q in np.percentile(v, [2.5, 97.5])] for name, v in drawn.items() if v}
+    intervals = {f"{name}_ci95": percentiles(v) for name, v in drawn.items() if np.isfinite(v).all()}
+    columns = {name: [row[name] for row in rows] for name in MEASURES}
+    by_rows |= {f"{name}_ci95": interval_of_mean(v, draws, seed) for name, v in columns.items() if np.isfinite(v).all()}
     n = len(frames["label"])
     return [
         {**labels, "over": "rows", "rows": len(rows), "frames": n, **by_rows},
@@ -177,10 +197,32 @@ def averages(frames: dict[str, np.ndarray], draws: int = 1000, seed: int = 0, **
     ]
 
 
+def interval_of_mean(values: Sequence[float], draws: int = 1000, seed: int = 0) -> list[float]:
+    """95 % bootstrap interval [low, high] of the mean of a table's columns (one a sequence): they are drawn with replacement."""
+    chosen = np.random.default_rng(seed).integers(len(values), size=(draws, len(values)))
+    return percentiles(np.asarray(values)[chosen].mean(axis=1))
+
+
+def percentiles(values: Sequence[float] | np.ndarray) -> list[float]:
+    """The middle 95 % of bootstrap draws: [low, high]."""
+    return [float(q) for q in np.percentile(values, [2.5, 97.5])]
+
+
 def _of(frames: dict[str, np.ndarray], name: str) -> dict[str, np.ndarray]:
     """Only the array that a measure of INTERVALS reads: resampling the others a thousand times would cost minutes."""
     key = {"R": "R_deg", "t": "t_m", "c": "class_correct"}[name[0]]
     return {key: frames[key]}
+
+
+def plain(value: Any) -> Any:
+    """For JSON: numbers rounded to six digits, NaN (a part that a method does not predict) as None."""
+    if isinstance(value, dict):
+        return {key: plain(v) for key, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(v) for v in value]
+    if isinstance(value, (float, np.floating)):
+        return None if np.isnan(value) else float(f"{value:.6g}")
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def format_table(rows: Sequence[dict]) -> str:
@@ -210,19 +252,6 @@ def poses(dataset: Dataset) -> dict[str, torch.Tensor]:
     return {name: torch.stack([torch.as_tensor(item[name]) for item in items]) for name in items[0]}
 
 
-def best_constant_rotation(R: torch.Tensor, candidates: int = 256, frames: int = 2048) -> torch.Tensor:
-    """The rotation (3, 3) with the smallest median geodesic error to R (F, 3, 3), among evenly spaced ones of R and their chordal mean.
-
-    The chordal mean (the rotation nearest to the mean matrix) minimises the mean *squared* chord, not the median; so both compete.
-    """
-    u, _, vh = torch.linalg.svd(R.double().mean(dim=0))
-    mean = u @ torch.diag(torch.tensor([1.0, 1.0, float(torch.sign(torch.det(u @ vh)))], dtype=torch.double)) @ vh
-    tried = torch.cat([mean[None], R[:: max(1, len(R) // candidates)].double()])  # (C, 3, 3)
-    judged = R[:: max(1, len(R) // frames)].double()
-    medians = torch.stack([rotations.geodesic_degrees(one[None], judged).median() for one in tried])
-    return tried[medians.argmin()].to(R.dtype)
-
-
 def constant_baseline(train_set: Dataset, test_set: Dataset) -> dict[str, np.ndarray]:
     """The bar to beat: one pose for every frame, the training set's median translation and best constant rotation.
 
@@ -234,7 +263,7 @@ def constant_baseline(train_set: Dataset, test_set: Dataset) -> dict[str, np.nda
     classes = int(max(train["label"].max(), test["label"].max())) + 1
     probs = torch.bincount(train["label"], minlength=classes).float()
     output = {
-        "R": best_constant_rotation(train["R"]).expand(n, 3, 3),
+        "R": rotations.best_constant_rotation(train["R"]).expand(n, 3, 3),
         "t": train["t"].median(dim=0).values.expand(n, 3),
         "keypoints": train["keypoints"].mean(dim=0).expand(n, 4, 2),
         "class_probs": probs.expand(n, -1),
@@ -254,21 +283,22 @@ def evaluate_checkpoint(
     Raises:
         InputError: the checkpoint or the data set cannot be read.
     """
+    from dronekeypp.baselines import load_network
     from dronekeypp.sixdronesyn.dataset import SixDroneSyn
 
     if json_file and not Path(json_file).resolve().parent.is_dir():  # before the work, not after it
         raise InputError(f"{json_file}: its folder does not exist; make it first")
     checkpoint = Path(checkpoint)
     best = checkpoint / "best"
-    model = DroneKeyPP.from_pretrained(best if (best / "config.json").is_file() else checkpoint)
+    model = load_network(best if (best / "config.json").is_file() else checkpoint)
     model.to("cuda" if torch.cuda.is_available() else "cpu")
     dataset = SixDroneSyn(dataset_root, split, size=model.config.image_size)
     hidden = not (progress and sys.stderr.isatty())
     frames = evaluate(model, dataset, progress=lambda batches: tqdm(batches, split, leave=False, disable=hidden))
-    rows, means = summarise(frames, method="DroneKey++"), averages(frames, method="DroneKey++")
+    rows, means = summarise(frames, method=model.method), averages(frames, method=model.method)
     print(format_table(rows + means))
     if json_file:
         digest = getattr(dataset, "manifest", {}).get("digest")
-        result = {"name": "evaluate", "dataset": {"split": split, "digest": digest}, "rows": rows, "averages": means}
+        result = plain({"name": "evaluate", "dataset": {"split": split, "digest": digest}, "rows": rows, "averages": means})
         write_beside(Path(json_file), (json.dumps(result, indent=1) + "\n").encode())
     return rows

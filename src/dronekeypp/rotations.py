@@ -79,3 +79,16 @@ def check_rotation(R, name="rotation", tolerance=1e-4):
     if (torch.linalg.det(M) < 0).any():
         raise InputError(f"{name}: determinant −1, a reflection; swap two keypoints or flip one axis")
     return R
+
+
+def best_constant_rotation(R, candidates=256, frames=2048):
+    """The rotation (3, 3) with the smallest median geodesic error to R (F, 3, 3), among evenly spaced ones of R and their chordal mean.
+
+    The chordal mean (the rotation nearest to the mean matrix) minimises the mean *squared* chord, not the median; so both compete.
+    """
+    u, _, vh = torch.linalg.svd(R.double().mean(dim=0))
+    mean = u @ torch.diag(torch.tensor([1.0, 1.0, float(torch.sign(torch.det(u @ vh)))], dtype=torch.double)) @ vh
+    tried = torch.cat([mean[None], R[:: max(1, len(R) // candidates)].double()])  # (C, 3, 3)
+    judged = R[:: max(1, len(R) // frames)].double()
+    medians = torch.stack([geodesic_degrees(one[None], judged).median() for one in tried])
+    return tried[medians.argmin()].to(R.dtype)

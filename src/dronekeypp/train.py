@@ -1,14 +1,16 @@
 """Training (Sec. V-A): a plain PyTorch loop. `fit` trains in memory, `train` adds a run folder that survives being killed.
 
+The loop is one for every `PoseNetwork`: DroneKey++, the baselines it is measured against, the backbone's pretraining.
+
 A run folder holds
     config.json        every setting, and what the data was
     best/              the checkpoint with the lowest validation score: `DroneKeyPP.from_pretrained(run / "best")`
     last.safetensors   everything needed to go on: weights, Adam's moments, the history as JSON in the header
     metrics.csv        one row per epoch
 
-*Score* = median rotation error / 90° + median translation error / median distance, on the validation frames. The paper says only "best
-validation checkpoint". The total loss would not do: its keypoint term depends on the unit of y2D, and its class term rises
-long after the poses stopped getting worse.
+*Score* = median rotation error / 90° + median translation error / median distance, on the validation frames (for a method that only finds
+keypoints: their mean error in crop units). The paper says only "best validation checkpoint". The total loss would not do: its
+keypoint term depends on the unit of y2D, and its class term rises long after the poses stopped getting worse.
 
 Every random number of an epoch follows from (seed, epoch): a resumed run gives the same bits as one that never stopped.
 `torchrun --nproc-per-node 2 -m dronekeypp train …` runs the same code on several processes; `batch` is their sum.
@@ -18,6 +20,7 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import hashlib
 import io
 import json
 import math
@@ -40,9 +43,9 @@ from tqdm import tqdm
 from dronekeypp import presets
 from dronekeypp.errors import InputError
 from dronekeypp.evaluate import apply_model, evaluate, measure, poses, to_device
-from dronekeypp.model import DroneKeyPP, loss_terms, loss_weights, total_loss
-from dronekeypp.model.losses import TERMS
-from dronekeypp.model.network import write_beside
+from dronekeypp.files import write_beside
+from dronekeypp.model import DroneKeyPP, ModelConfig, PoseNetwork, loss_weights, total_loss
+from dronekeypp.model.backbone import find_weights
 from dronekeypp.presets import TrainConfig
 
 LAST, METRICS, CONFIG, BEST = "last.safetensors", "metrics.csv", "config.json", "best"
@@ -52,9 +55,9 @@ FREE_KEYS = ("workers", "max_minutes", "device")  # these may differ when a run 
 class TrainState:
     """What changes while training: the network, Adam, the finished epochs and their history."""
 
-    def __init__(self, model: DroneKeyPP, config: TrainConfig, data: dict[str, Any] | None = None):
+    def __init__(self, model: PoseNetwork, config: TrainConfig, data: dict[str, Any] | None = None):
         self.model, self.config = model, config
-        self.settings = {"model": model.config.to_dict(), "train": config.to_dict(), "data": data or {}}
+        self.settings = run_settings(model.method, model.config, config, data or {})
         backbone = list(model.backbone.parameters()) if model.backbone is not None else []
         known = {id(p) for p in backbone}
         rest = [p for p in model.parameters() if id(p) not in known]
@@ -108,6 +111,11 @@ class TrainState:
             raise InputError(f"{path} belongs to another network; start again without --resume") from None
         self.optimiser.load_state_dict({"state": moments, "param_groups": self.optimiser.state_dict()["param_groups"]})
         self.epoch, self.best_score, self.history = epoch, best_score, history
+
+
+def run_settings(method: str, model: ModelConfig, config: TrainConfig, data: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """What config.json of a run holds, and what must be the same when it is resumed."""
+    return {"model": {"method": method, **model.to_dict()}, "train": config.to_dict(), "data": data}
 
 
 def check_settings(old: dict, new: dict, where: Path) -> None:
@@ -195,7 +203,7 @@ def spaced(dataset: Dataset, frames: int) -> Dataset:
 
 
 def fit(
-    model: DroneKeyPP,
+    model: PoseNetwork,
     train_set: Dataset,
     val_set: Dataset,
     config: TrainConfig,
@@ -220,10 +228,8 @@ def fit(
     if state is None:
         state = TrainState(model, config)
     if state.epoch == 0:
-        # The ray statistics are part of the network: true keypoints of up to 2048 training frames, no images.
-        model.fit_rays([poses(spaced(train_set, 2048))])
-    unused = model.config.gate == "last" and model.config.layer_input == "same"  # only then do layers stay without gradient
-    network = DistributedDataParallel(model, find_unused_parameters=unused) if world > 1 else model
+        model.prepare(poses(spaced(train_set, 2048)))
+    network = DistributedDataParallel(model, find_unused_parameters=model.idle_parameters) if world > 1 else model
     if config.batch % world:
         raise InputError(f"batch={config.batch} cannot be shared by {world} processes; choose a multiple of {world}")
     batch = config.batch // world
@@ -238,7 +244,7 @@ def fit(
             train_set.set_epoch(epoch)  # augmentation
         order = epoch_order(len(train_set), config, epoch, rank, world)
         loader = DataLoader(train_set, batch, sampler=order, num_workers=config.workers, generator=torch.Generator())
-        sums, flips = dict.fromkeys(TERMS, 0.0), coin(config, epoch, rank)
+        sums, flips = {}, coin(config, epoch, rank)
         model.train()
         hidden = not (progress and rank == 0 and sys.stderr.isatty())
         for number, items in enumerate(tqdm(loader, f"epoch {epoch + 1}/{config.epochs}", disable=hidden, leave=False)):
@@ -249,7 +255,7 @@ def fit(
             items = to_device(items, device)
             if config.mirror:
                 items = mirrored(items, (torch.rand(len(items["t"]), generator=flips) < 0.5).to(device))
-            terms = loss_terms(apply_model(network, items, model.config.encoder), items, config.keypoint_unit)
+            terms = model.losses(apply_model(network, items, model.told), items, config.keypoint_unit)
             check_finite(terms, items, epoch + 1, number + 1)
             loss = total_loss(terms, loss_weights(config.schedule, step / max(1, steps - 1)))
             state.optimiser.zero_grad(set_to_none=True)
@@ -257,14 +263,14 @@ def fit(
             if config.clip:
                 torch.nn.utils.clip_grad_norm_(model.parameters(), config.clip)
             state.optimiser.step()
-            for name in TERMS:
-                sums[name] += terms[name].item() * len(items["t"])
+            for name, value in terms.items():
+                sums[name] = sums.get(name, 0.0) + value.item() * len(items["t"])
         if world > 1:  # the mean over all processes, not over rank 0's share
             shared = torch.tensor(list(sums.values()), dtype=torch.float64, device=device)
             dist.all_reduce(shared)
             sums = dict(zip(sums, (shared / world).tolist(), strict=True))
         row = {"epoch": epoch + 1, "lr": lr, **{f"train_{name}": total / len(order) for name, total in sums.items()}}
-        row["train_total"] = sum(row[f"train_{name}"] for name in TERMS)
+        row["train_total"] = sum(row[f"train_{name}"] for name in sums)
         if rank == 0:  # the others wait at the broadcast below
             row.update(validate(model, val_set, config))
         row["seconds"] = round(time.monotonic() - tic, 2)
@@ -285,23 +291,31 @@ def fit(
     return state.history
 
 
-def validate(model: DroneKeyPP, val_set: Dataset, config: TrainConfig) -> dict[str, float]:
+def validate(model: PoseNetwork, val_set: Dataset, config: TrainConfig) -> dict[str, float]:
     """Losses and errors on the validation frames, as columns of metrics.csv, and the score (lower is better)."""
     frames = evaluate(
-        model, val_set, config.batch, config.workers, lambda output, batch: loss_terms(output, batch, config.keypoint_unit)
+        model, val_set, config.batch, config.workers, lambda output, batch: model.losses(output, batch, config.keypoint_unit)
     )
     row = {f"val_{name}": value for name, value in frames["losses"].items()}
     row["val_total"] = sum(row.values())
     row.update({f"val_{name}": value for name, value in measure(frames).items()})
-    row["score"] = row["val_R_medae_deg"] / 90 + row["val_t_medae_m"] / float(np.median(frames["distance_m"]))
+    if model.judged_by == "keypoints":
+        row["score"] = float(frames["keypoint_units"].mean())
+    else:
+        row["score"] = row["val_R_medae_deg"] / 90 + row["val_t_medae_m"] / float(np.median(frames["distance_m"]))
     return row
 
 
 def describe(row: dict[str, Any], config: TrainConfig, is_best: bool) -> str:
+    """One line for an epoch; what the method does not predict is left out."""
+    parts = {
+        "R": (row["val_R_medae_deg"], "{:.2f}°"), "t": (row["val_t_medae_m"], "{:.3f} m"),
+        "class": (100 * row["val_class_accuracy"], "{:.1f} %"), "keypoints": (row["val_keypoint_crop_px"], "{:.2f} px of the crop"),
+    }  # fmt: skip
+    found = "  ".join(f"{name} {form.format(value)}" for name, (value, form) in parts.items() if not math.isnan(value))
     return (
-        f"epoch {row['epoch']:3d}/{config.epochs}  loss {row['train_total']:.4f}  val {row['val_total']:.4f}  "
-        f"R {row['val_R_medae_deg']:.2f}°  t {row['val_t_medae_m']:.3f} m  class {100 * row['val_class_accuracy']:.1f} %  "
-        f"keypoints {row['val_keypoint_crop_px']:.2f} px of the crop  {row['seconds']:.0f} s{'  best' if is_best else ''}"
+        f"epoch {row['epoch']:3d}/{config.epochs}  loss {row['train_total']:.4f}  val {row['val_total']:.4f}  {found}  "
+        f"{row['seconds']:.0f} s{'  best' if is_best else ''}"
     )
 
 
@@ -312,23 +326,28 @@ def train(
     overrides: dict[str, Any] | None = None,
     resume: bool = False,
     progress: bool = True,
+    method: str = DroneKeyPP.method,
 ) -> Path:
-    """Train on a data set on disk into the run folder `out`; returns the folder of the best checkpoint.
+    """Train a method on a data set on disk into the run folder `out`; returns the folder of the best checkpoint.
 
     Raises:
         InputError: a setting, the data set or the run folder does not fit; see `train_on` and `presets.preset`.
     """
+    from dronekeypp.baselines import network_class
     from dronekeypp.sixdronesyn.dataset import SixDroneSyn  # here, so that a network trains on other data without it
 
-    model_config, config = presets.preset(preset, overrides)
+    network = network_class(method)
+    model_config, config = presets.preset(preset, {**network.defaults, **(overrides or {})})
     size = model_config.image_size
     train_set = SixDroneSyn(dataset_root, "train", size=size, augment=config.augment, seed=config.seed)
     val_set = SixDroneSyn(dataset_root, "val", size=size)
-    return train_on(train_set, val_set, out, model_config, config, resume, progress)
+    return train_on(train_set, val_set, out, model_config, config, resume, progress, network=network)
 
 
-def train_on(train_set, val_set, out, model_config, config, resume=False, progress=False, on_epoch=None) -> Path:
-    """`train` for any two data sets whose items are those of `SixDroneSyn`.
+def train_on(
+    train_set, val_set, out, model_config, config, resume=False, progress=False, on_epoch=None, network: type[PoseNetwork] = DroneKeyPP
+) -> Path:
+    """`train` for any two data sets whose items are those of `SixDroneSyn`, and any network made from a ModelConfig.
 
     Raises:
         InputError: `out` holds something and `resume` is off; `resume` with other settings or other data than `out` was made with;
@@ -336,15 +355,15 @@ def train_on(train_set, val_set, out, model_config, config, resume=False, progre
     """
     out = Path(out)
     with process_group(config):
-        data = describe_data(train_set, val_set)
+        data = describe_data(train_set, val_set) | {"backbone_digest": weights_digest(model_config)}
         main = not dist.is_initialized() or dist.get_rank() == 0
         if main:
-            prepare_folder(out, {"model": model_config.to_dict(), "train": config.to_dict(), "data": data}, resume)
+            prepare_folder(out, run_settings(network.method, model_config, config, data), resume)
         if dist.is_initialized():
             dist.barrier()
         torch.manual_seed(config.seed)  # the network's first weights
         resuming = resume and (out / LAST).is_file()
-        model = DroneKeyPP(model_config, load_backbone=not resuming).to(choose_device(config))
+        model = network(model_config, load_backbone=not resuming).to(choose_device(config))
         state = TrainState(model, config, data)
         if resuming:
             state.load(out / LAST)
@@ -371,11 +390,19 @@ def describe_data(train_set: Dataset, val_set: Dataset) -> dict[str, Any]:
     return {"train_frames": len(train_set), "val_frames": len(val_set), "digest": digest, "processes": processes}
 
 
+def weights_digest(config: ModelConfig) -> str | None:
+    """What tells one file of pretrained weights from another of the same name; None for ImageNet's and for none."""
+    if config.backbone_weights in (None, "imagenet"):
+        return None
+    return hashlib.sha256(find_weights(config.backbone_weights).read_bytes()).hexdigest()[:16]
+
+
 def prepare_folder(out: Path, settings: dict, resume: bool) -> None:
     """Make the run folder, or check that it is the one to go on with."""
-    if resume and (out / CONFIG).is_file():
+    if resume:
         for left in out.rglob(".*.tmp"):  # a kill while writing leaves one behind
             left.unlink()
+    if resume and (out / CONFIG).is_file():
         try:
             old = json.loads((out / CONFIG).read_text())
         except json.JSONDecodeError as error:

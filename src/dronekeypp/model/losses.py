@@ -69,7 +69,10 @@ def loss_weights(schedule: str, progress: float) -> tuple[float, float]:
 
 
 def total_loss(terms: dict[str, Tensor], weights: tuple[float, float] = (1.0, 1.0)) -> Tensor:
-    """Eq. 12: L_enc + L_dec, each times its weight."""
-    encoder = sum(terms[name] for name in ENCODER_TERMS)
-    decoder = sum(terms[name] for name in DECODER_TERMS)
+    """Eq. 12: L_enc + L_dec, each times its weight. A baseline that has only some of the terms sums those."""
+    unknown = set(terms) - set(TERMS)
+    if unknown:
+        raise InputError(f"unknown loss term {sorted(unknown)[0]!r}; known: {', '.join(TERMS)}")
+    encoder = sum(terms[name] for name in ENCODER_TERMS if name in terms)
+    decoder = sum(terms[name] for name in DECODER_TERMS if name in terms)
     return weights[0] * encoder + weights[1] * decoder

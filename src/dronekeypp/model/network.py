@@ -1,34 +1,33 @@
-"""DroneKey++ as a whole (Sec. III, Fig. 2): backbone, keypoint encoder, pose decoder; saved as safetensors and JSON."""
+"""DroneKey++ as a whole (Sec. III, Fig. 2): backbone, keypoint encoder, pose decoder."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
-from pathlib import Path
 
-from safetensors import SafetensorError
-from safetensors.torch import load_file, save
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn.functional import one_hot
 
 from dronekeypp.errors import InputError
-from dronekeypp.model.backbone import Backbone, load_state
+from dronekeypp.model.backbone import Backbone
+from dronekeypp.model.base import PoseNetwork
 from dronekeypp.model.config import ModelConfig
 from dronekeypp.model.decoder import PoseDecoder
 from dronekeypp.model.encoder import KeypointEncoder
+from dronekeypp.model.losses import loss_terms
 
-WEIGHTS, CONFIG = "model.safetensors", "config.json"
 
-
-class DroneKeyPP(nn.Module):
+class DroneKeyPP(PoseNetwork):
     """From a crop, the full frame's camera matrix and the crop's square to keypoints, class and 6-DoF pose.
 
     `load_backbone=False` skips the file or download that `config.backbone_weights` names.
     """
 
+    method = "DroneKey++"
+
     def __init__(self, config: ModelConfig | None = None, load_backbone: bool = True):
         super().__init__()
         self.config = config or ModelConfig()
+        self.told = ("keypoints", "label") if self.config.encoder == "truth" else ()
         self.backbone = self.encoder = None
         if self.config.encoder == "learned":
             self.backbone = Backbone(self.config, load=load_backbone)
@@ -92,49 +91,21 @@ class DroneKeyPP(nn.Module):
         """Set the decoder's ray statistics from training batches (keypoints, square, K). See `RayFeatures`."""
         self.decoder.fit_rays(batches)
 
+    def prepare(self, annotations: dict[str, Tensor]) -> None:
+        """The ray statistics are part of the network: true keypoints of the training frames, no images."""
+        self.fit_rays([annotations])
+
+    def losses(self, output: dict, batch: dict, keypoint_unit: float) -> dict[str, Tensor]:
+        """Eq. 9 and 11; see `loss_terms`."""
+        return loss_terms(output, batch, keypoint_unit)
+
+    @property
+    def idle_parameters(self) -> bool:
+        """Only where the last layer alone counts and is not fed by the others."""
+        return self.config.gate == "last" and self.config.layer_input == "same"
+
     def parameter_counts(self) -> dict[str, int]:
         """Learnable numbers by part: {"backbone", "encoder", "decoder", "total"}."""
         parts = {"backbone": self.backbone, "encoder": self.encoder, "decoder": self.decoder}
         counts = {name: sum(p.numel() for p in part.parameters()) if part else 0 for name, part in parts.items()}
         return {**counts, "total": sum(counts.values())}
-
-    def save_pretrained(self, folder: str | Path) -> None:
-        """Write `model.safetensors` and `config.json` into `folder` (made if needed), each beside and then renamed."""
-        folder = Path(folder)
-        folder.mkdir(parents=True, exist_ok=True)
-        state = {key: value.detach().cpu().contiguous() for key, value in self.state_dict().items()}
-        write_beside(folder / WEIGHTS, save(state))
-        write_beside(folder / CONFIG, (self.config.to_json() + "\n").encode())
-
-    @classmethod
-    def from_pretrained(cls, folder: str | Path) -> DroneKeyPP:
-        """Read a folder that `save_pretrained` wrote; the network comes back in evaluation mode.
-
-        Raises:
-            InputError: a file is missing or broken, or weights and configuration do not fit. It names the file.
-        """
-        folder = Path(folder)
-        for name in (CONFIG, WEIGHTS):
-            if not (folder / name).is_file():
-                raise InputError(f"{folder / name} not found: a checkpoint is a folder with {CONFIG} and {WEIGHTS}")
-        try:
-            config = ModelConfig.from_json((folder / CONFIG).read_text())
-        except (InputError, UnicodeDecodeError) as error:
-            raise InputError(f"{folder / CONFIG}: {error}") from None
-        try:
-            state = load_file(folder / WEIGHTS)
-        except (SafetensorError, OSError) as error:
-            raise InputError(f"{folder / WEIGHTS} is not a readable safetensors file ({error})") from None
-        model = cls(config, load_backbone=False)
-        load_state(model, state, folder / WEIGHTS)
-        return model.eval()
-
-
-def write_beside(path: Path, content: bytes) -> None:
-    """Write `content` to a file beside `path`, then rename: a reader, or a kill, never meets half a file."""
-    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        beside.write_bytes(content)
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)

@@ -1,0 +1,48 @@
+"""DronePose (Albanis et al. 2020) without its mesh, as the paper re-implements it: one ResNet, rotation and translation by MSE.
+
+The original renders a silhouette of the drone's mesh and compares; that prior is what the paper leaves out, and we too.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import mse_loss
+
+from dronekeypp import rotations
+from dronekeypp.model import Backbone, ModelConfig, PoseNetwork
+
+
+class DronePose(PoseNetwork):
+    """Pooled features of the crop -> 6D rotation (Zhou et al. 2019) and three metres.
+
+    From the crop alone it cannot know where in the frame the crop was cut nor how large it was. `config.use_rays` gives it that: the ray of
+    the crop's centre and the logarithm of the angle that its side spans. The paper does not say which it used; we measure both.
+    """
+
+    method = "DronePose"
+    defaults = {"use_rays": False}
+
+    def __init__(self, config: ModelConfig | None = None, load_backbone: bool = True):
+        super().__init__()
+        self.config = config or ModelConfig(**self.defaults)
+        self.backbone = Backbone(self.config, load=load_backbone)
+        width = self.backbone.channels + (3 if self.config.use_rays else 0)
+        self.head = nn.Sequential(nn.Linear(width, 256), nn.ReLU(), nn.Linear(256, 6 + 3))
+        with torch.no_grad():  # start at the identity, four metres ahead
+            self.head[-1].bias.copy_(torch.tensor([1.0, 0, 0, 0, 1, 0, 0, 0, 4]))
+
+    def forward(self, image: Tensor, K: Tensor, square: Tensor) -> dict[str, Tensor]:
+        """image (B, 3, S, S), K (B, 3, 3), square (B, 3) -> R (B, 3, 3) camera<-body, t (B, 3) metres."""
+        pooled = self.backbone(image).mean(dim=(2, 3))  # (B, C)
+        if self.config.use_rays:
+            centre = square[:, :2] + square[:, 2:] / 2
+            focal = K[:, [0, 1], [0, 1]]
+            ray = (centre - K[:, :2, 2]) / focal  # (B, 2)
+            pooled = torch.cat([pooled, ray, (square[:, 2:] / focal[:, :1]).log()], dim=1)
+        out = self.head(pooled)
+        return {"R": rotations.matrix_from_6d(out[:, :6]), "t": out[:, 6:]}
+
+    def losses(self, output: dict, batch: dict, keypoint_unit: float) -> dict[str, Tensor]:
+        """MSE over the nine numbers of R and over the three of t. `keypoint_unit` is not used."""
+        return {"L_rot": mse_loss(output["R"], batch["R"]), "L_trans": mse_loss(output["t"], batch["t"])}

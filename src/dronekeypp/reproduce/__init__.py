@@ -1,0 +1,75 @@
+"""`python -m dronekeypp reproduce NAME`: a table of the paper, or one of ours, measured from nothing. See `runner.py`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from dronekeypp.errors import InputError
+from dronekeypp.reproduce import domains, table3
+from dronekeypp.reproduce.runner import Bench, read_result
+
+# What one training may cost, by preset. `cpu`: 470,000 crops, about 40 quiet minutes on two cores; `paper`: the paper's own.
+BUDGETS: dict[str, dict[str, Any]] = {"cpu": {"epochs": 40, "frames": 11760}, "paper": {}}
+
+
+def _domains(bench: Bench, seeds: int, photographs: Path | None) -> dict[str, Any]:
+    if photographs is None:
+        raise InputError("reproduce domains needs --photographs DIR: a folder of 360° panoramas (2:1 equirectangular), six or more")
+    return domains.reproduce(bench, photographs, seeds)
+
+
+# name -> what makes it from a Bench, the number of seeds and a folder of photographed panoramas
+NAMES: dict[str, Callable[[Bench, int, Path | None], dict[str, Any]]] = {
+    "table3": lambda bench, seeds, _: table3.reproduce(bench, seeds),
+    "domains": _domains,
+}
+
+
+def reproduce(
+    name: str,
+    preset: str = "cpu",
+    seeds: int = 1,
+    overrides: dict[str, Any] | None = None,
+    data: str | Path | None = None,
+    root: str | Path = ".",
+    stride: int = 1,
+    environments: str | Path | None = None,
+    photographs: str | Path | None = None,
+    workers: int = 2,
+    progress: bool = True,
+) -> dict[str, Any]:
+    """Measure one table; everything that is already there is kept. Returns the recorded result (also data_samples/results/NAME.json).
+
+    Args:
+        name: one of `NAMES`. seeds: trainings a row, seed 0, 1, …
+        overrides: settings for every run, on top of the preset's budget (`BUDGETS`).
+        data: the data set (default ROOT/data/6dronesyn); flights that are missing are rendered, every `stride`-th frame, before `environments`
+            (default: the drawn ones), with `workers` processes.
+        root: below it lie runs/, figures/ and data_samples/results/. Try things out in another one: what is recorded there is replaced.
+
+    Raises:
+        InputError: an unknown name or preset, settings that differ from those an unfinished run was started with, or no OpenGL.
+    """
+    if name not in NAMES:
+        raise InputError(f"reproduce {name}: choose {', '.join(NAMES)}")
+    if preset not in BUDGETS:
+        raise InputError(f"unknown preset {preset!r}; known: {', '.join(BUDGETS)}")
+    if seeds < 1:
+        raise InputError(f"--seeds {seeds}: at least 1")
+    if "max_minutes" in (overrides or {}):
+        raise InputError("--set max_minutes: a run that is cut short would count as finished; kill it instead, and call again to go on")
+    if int(os.environ.get("WORLD_SIZE", 1)) > 1:
+        raise InputError("reproduce runs in one process; torchrun is for `train`")
+    root = Path(root)
+    bench = Bench(
+        root=root, preset=preset, budget={**BUDGETS[preset], **(overrides or {})}, group=f"table3-{preset}",
+        data=Path(data) if data else root / "data" / "6dronesyn", stride=stride,
+        environments=Path(environments) if environments else None, workers=workers, progress=progress,
+    )  # fmt: skip
+    return NAMES[name](bench, seeds, Path(photographs) if photographs else None)
+
+
+__all__ = ["BUDGETS", "NAMES", "Bench", "read_result", "reproduce"]

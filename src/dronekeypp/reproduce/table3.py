@@ -1,0 +1,333 @@
+"""Table 3: DroneKey++ beside three baselines on test scenes 6 and 7, seven drones each. Same crops and budget; the same loop but for YOLO's own."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import torch
+from sklearn.metrics import confusion_matrix
+from torch.utils.data import DataLoader
+
+from dronekeypp import plots
+from dronekeypp.baselines import network_class, yolo
+from dronekeypp.baselines.pnp_pose import PnPPose
+from dronekeypp.camera import from_crop
+from dronekeypp.evaluate import MEASURES, drone_names, frame_errors, interval_of_mean, poses
+from dronekeypp.files import write_beside
+from dronekeypp.reproduce.runner import (
+    PAPER,
+    Bench,
+    Run,
+    describe,
+    hardware,
+    read_npz,
+    result,
+    rows_and_averages,
+    say,
+    source_digest,
+    variant_name,
+    write_npz,
+    write_result,
+)
+from dronekeypp.sixdronesyn.dataset import SixDroneSyn
+from dronekeypp.train import BEST, METRICS, choose_device
+
+TEST_SCENES = (6, 7)
+RUNS = (
+    Run("DroneKey++"),
+    Run("DroneKey", hypotheses=("fit", "upright")),
+    Run("DronePose"),
+    Run("DronePose", "told the crop", {"use_rays": True}),
+    Run(yolo.METHOD, hypotheses=("fit", "upright")),
+)
+# A row of the table: its name, our measure, the paper's, digits. The paper's translation MAE fits a per-axis mean (see evaluate.py).
+ROWS = (
+    ("R MAE (deg)", "R_mae_deg", "R_deg_MAE", 2),
+    ("R MedAE (deg)", "R_medae_deg", "R_deg_MedAE", 2),
+    ("t per-axis MAE (m)", "t_axis_mae_m", "t_m_MAE", 3),
+    ("t MAE (m)", "t_mae_m", None, 3),
+    ("t MedAE (m)", "t_medae_m", "t_m_MedAE", 3),
+)
+# What is kept of every test frame, for figures.
+KEPT = (
+    "R_deg", "t_m", "distance_m", "heading_deg", "keypoint_px", "keypoint_crop_px", "flip", "failed", "label", "predicted", "scene", "subsequence",
+    "frame",
+)  # fmt: skip
+
+
+def reproduce(bench: Bench, seeds: int = 1) -> dict[str, Any]:
+    """Render, train and measure whatever of Table 3 is missing; write the table after every run that ends. Returns the recorded result.
+
+    YOLOv8n-pose is measured where the optional extra is installed.
+    """
+    bench.render()
+    jobs = [(run, seed) for seed in range(seeds) for run in RUNS]
+    found: dict[int, dict[str, Any]] = {}  # by place in jobs
+    # What was finished by an earlier call comes first, so that no table is written without it.
+    for i in sorted(range(len(jobs)), key=lambda i: not finished(bench, *jobs[i])):
+        run, seed = jobs[i]
+        known = finished(bench, run, seed)
+        if run.method == yolo.METHOD and not known and not yolo.installed():
+            say('YOLOv8n-pose is left out: its extra is not installed (pip install -e ".[yolo]", AGPL-3.0)', bench.progress)
+            continue
+        found[i] = measured(bench, run, seed)
+        if not known:
+            record(bench, [found[k] for k in sorted(found)])
+    return record(bench, [found[k] for k in sorted(found)])
+
+
+def finished(bench: Bench, run: Run, seed: int) -> bool:
+    """Whether a run, YOLO's too, was trained to its end."""
+    if run.method == yolo.METHOD:
+        return yolo.epochs_done(bench.folder(run, seed)) >= yolo_epochs(bench, run, seed)
+    return bench.finished(run, seed)
+
+
+def measured(bench: Bench, run: Run, seed: int) -> dict[str, Any]:
+    """One run: {"story", "rows", "averages", "confusion", "arrays"}, trained first if need be."""
+    if run.method == yolo.METHOD:
+        frames_of, story = measure_yolo(bench, run, seed)
+    else:
+        frames_of, story = bench.measure(run, seed), bench.story(run, seed)
+    if run == RUNS[0] and seed == 0:
+        keep_checkpoint(bench, run, seed)
+    found: dict[str, Any] = {"story": story, "rows": [], "averages": [], "confusion": [], "arrays": {}}
+    for variant, frames in frames_of.items():
+        labels = {"method": run.method, "variant": variant, "seed": seed}
+        rows, means = rows_and_averages(frames, **labels)
+        found["rows"] += rows
+        found["averages"] += means
+        answered = frames["predicted"] >= 0
+        if answered.any():
+            matrix = confusion_matrix(frames["label"][answered], frames["predicted"][answered], labels=range(len(drone_names())))
+            found["confusion"].append(
+                {**labels, "drones": drone_names(), "true_by_predicted": matrix.tolist(), "unanswered": int((~answered).sum())}
+            )
+        if seed == 0:
+            found["arrays"].update({f"{title(run.method, variant)}/{name}": shrink(frames[name]) for name in KEPT})
+    return found
+
+
+def record(bench: Bench, parts: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Write the result, its frames, the table and the figure from what there is; returns the result."""
+    joined = {key: [row for part in parts for row in part[key]] for key in ("rows", "averages", "confusion")}
+    recorded = result("table3", bench, [part["story"] for part in parts], **joined)
+    arrays = {name: value for part in parts for name, value in part["arrays"].items()}
+    write_npz(write_result(bench.root, recorded).with_name("table3_frames.npz"), arrays)
+    write_table(recorded, bench.root / "figures")
+    return recorded
+
+
+def keep_checkpoint(bench: Bench, run: Run, seed: int) -> None:
+    """The run's best network as float16, and its curve, in data_samples/checkpoint."""
+    folder = bench.root / "data_samples" / "checkpoint"
+    network_class(run.method).from_pretrained(bench.folder(run, seed) / BEST).save_pretrained(folder, half=True)
+    write_beside(folder / METRICS, (bench.folder(run, seed) / METRICS).read_bytes())
+
+
+def yolo_epochs(bench: Bench, run: Run, seed: int) -> int:
+    """As many epochs of all training frames as show the detector what the budget shows the others."""
+    training, frames = bench.settings(run, seed)[1], describe(bench.data)["train_frames"]
+    return max(1, round(training.epochs * min(training.frames or frames, frames) / frames))
+
+
+def measure_yolo(bench: Bench, run: Run, seed: int) -> tuple[dict[str | None, dict[str, np.ndarray]], dict[str, Any]]:
+    """`Bench.measure` and `Bench.story` for YOLOv8n-pose, which trains itself. Its PnP is told the true drone, as DroneKey's is."""
+    (model, training), folder = bench.settings(run, seed), bench.folder(run, seed)
+    say(f"{run.method} seed {seed}: {folder}", bench.progress)
+    val = bench.split("val", run, seed)
+    if training.val_frames:
+        val = SixDroneSyn(bench.data, "val", size=model.image_size, stride=max(1, len(val) // training.val_frames))
+    sets = {"train": SixDroneSyn(bench.data, "train", size=model.image_size), "val": val}
+    settings = {
+        "size": model.image_size, "epochs": yolo_epochs(bench, run, seed), "batch": training.batch, "seed": seed,
+        "digest": describe(bench.data)["digest"],
+    }  # fmt: skip
+    device = str(choose_device(training))
+    weights = yolo.train(sets, folder, drone_names(), settings, device)
+    made_from, found, answer = source_digest(weights, bench.data), {}, None
+    pnp = PnPPose(model.classes)
+    pnp.learn(poses(sets["train"]))
+    for hypothesis in run.hypotheses:
+        path = folder / f"test-{hypothesis}.npz"
+        frames = read_npz(path, made_from)
+        if frames is None:
+            items = next(iter(DataLoader(bench.split("test", run, seed), batch_size=10**6)))
+            answer = answer or yolo.detect(weights, items["image"], model.classes, device)
+            pixels = from_crop(answer["keypoints"], items["square"])
+            pixels[~answer["found"]] = torch.nan  # to which PnP answers with its constant
+            pnp.hypothesis = hypothesis
+            frames = frame_errors({**answer, **pnp(pixels, items["label"], items["K"])}, items)
+            write_npz(path, frames, made_from)
+        found[variant_name(run, hypothesis)] = frames
+    story = {"method": run.method, "variant": None, "seed": seed, **yolo.story(folder), "changes": {}, "hardware": hardware(training)}
+    return found, story
+
+
+def shrink(values: np.ndarray) -> np.ndarray:
+    """Three digits and small integers are enough for a figure."""
+    if values.dtype.kind == "f":
+        return values.astype(np.float16)
+    return values.astype(np.int16 if values.max() < 2**15 else np.int32) if values.dtype.kind == "i" else values
+
+
+def title(method: str, variant: str | None) -> str:
+    return f"{method} ({variant})" if variant else method
+
+
+def methods(recorded: dict[str, Any]) -> list[tuple[str, str | None]]:
+    """(method, variant) of a recorded result, in its order."""
+    return list(dict.fromkeys((row["method"], row["variant"]) for row in recorded["rows"]))
+
+
+def over_seeds(rows: Sequence[dict], key: str) -> float:
+    """Mean of a measure over the rows given (the seeds of one cell); NaN where it was not measured."""
+    values = [row[key] for row in rows if row[key] is not None]
+    return float(np.mean(values)) if values else float("nan")
+
+
+def cells(recorded: dict[str, Any], method: str, variant: str | None, key: str) -> list[float]:
+    """Our 14 columns (scene 6, then scene 7, the drones in class order) and their mean; NaN where there is no such frame."""
+    mine = [row for row in recorded["rows"] if (row["method"], row["variant"]) == (method, variant)]
+    columns = [
+        over_seeds([row for row in mine if (row["scene"], row["drone"]) == (scene, drone)], key)
+        for scene in TEST_SCENES
+        for drone in drone_names()
+    ]
+    return [*columns, float(np.nanmean(columns)) if not np.isnan(columns).all() else float("nan")]
+
+
+def paper_cells(method: str, key: str) -> list[float]:
+    """The paper's 14 columns in our order of drones, and its printed average."""
+    printed = PAPER["table3"][method][key]
+    return [*(printed[f"scene_{scene:02d}"][drone] for scene in TEST_SCENES for drone in drone_names()), printed["average_printed"]]
+
+
+def average(recorded: dict[str, Any], method: str, variant: str | None) -> dict[str, Any]:
+    """Every measure averaged over the seeds and the 14 columns, and KEY_ci95: its interval over the columns. None: not predicted."""
+    found: dict[str, Any] = {}
+    for key in MEASURES:
+        *columns, mean = cells(recorded, method, variant, key)
+        found[key] = None if np.isnan(mean) else mean
+        if np.isfinite(columns).all():
+            found[f"{key}_ci95"] = interval_of_mean(columns)
+    return found
+
+
+def write_table(recorded: dict[str, Any], folder: Path) -> None:
+    """table3.md, table3.csv and table3.png in `folder`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_beside(folder / "table3.md", markdown(recorded).encode())
+    write_beside(folder / "table3.csv", as_csv(recorded).encode())
+    figure = draw(recorded)
+    content = io.BytesIO()
+    figure.savefig(content, format="png", dpi=110)
+    plt.close(figure)
+    write_beside(folder / "table3.png", content.getvalue())
+
+
+def markdown(recorded: dict[str, Any]) -> str:
+    """The paper's layout: methods by metrics, 14 columns and the average, the paper's value above ours; then what the paper does not print."""
+    seeds = len({row["seed"] for row in recorded["rows"]})
+    data, minutes = recorded["dataset"], {}
+    for story in recorded["runs"]:
+        minutes.setdefault(title(story["method"], story["variant"]), story["minutes"])
+    columns = [f"{scene}·{drone}" for scene in TEST_SCENES for drone in drone_names()]
+    lines = [
+        "# Table 3: test scenes 6 and 7",
+        "",
+        f"Preset `{recorded['preset']}`, {data['train_frames']:,} training frames, {data['test_frames']:,} test frames, {seeds} seed(s), "
+        f"{recorded['hardware']}. Budget: {', '.join(f'{k}={v}' for k, v in recorded['budget'].items()) or 'as in the preset'}; "
+        f"minutes of training: {', '.join(f'{k} {v:g}' for k, v in minutes.items())}.",
+        "",
+        "`paper` is the printed value, `ours` what we measured on our own 6DroneSyn: other renderings, other flights, so compare the order of the "
+        "methods rather than single cells. The paper's t MAE fits a per-axis error (see `evaluate.py`), so it stands beside ours per axis.",
+        "",
+        "| method | metric | | " + " | ".join(columns) + " | average |",
+        "|---|---|---|" + "---:|" * (len(columns) + 1),
+    ]
+    for method, variant in methods(recorded):
+        for name, ours, theirs, digits in ROWS:
+            values = [("ours", cells(recorded, method, variant, ours))]
+            if variant is None and theirs:
+                values.insert(0, ("paper", paper_cells(method, theirs)))
+            for who, numbers in values:
+                lines.append(f"| {title(method, variant)} | {name} | {who} | " + " | ".join(number(v, digits) for v in numbers) + " |")
+    lines += [
+        "",
+        "## Averages, with 95 % intervals",
+        "",
+        "Mean of the 14 columns; the interval draws the 14 sequences (scene and drone) with replacement. Fourteen are few: an interval this rough "
+        "says only whether two methods are far apart. Seeds are averaged first.",
+        "",
+        "| method | " + " | ".join(name for name, *_ in ROWS) + " | class | keypoints (px) | PCK@0.05 | heading flips | no pose |",
+        "|---|" + "---:|" * (len(ROWS) + 5),
+    ]
+    for method, variant in methods(recorded):
+        row = average(recorded, method, variant)
+        found = [interval(row, key, digits) for _, key, _, digits in ROWS]
+        found += [percent(row["class_accuracy"]), number(row["keypoint_px"], 1)]
+        found += [percent(row[key]) for key in ("pck", "flip_rate", "failed")]
+        lines.append(f"| {title(method, variant)} | " + " | ".join(found) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def number(value: float | None, digits: int) -> str:
+    return "–" if value is None or np.isnan(value) else f"{value:.{digits}f}"
+
+
+def percent(value: float | None) -> str:
+    return "–" if value is None or np.isnan(value) else f"{100 * value:.1f} %"
+
+
+def interval(row: dict, key: str, digits: int) -> str:
+    """ "12.34 [10.00, 15.00]", or without the brackets where there is no interval."""
+    low_high = row.get(f"{key}_ci95")
+    text = number(row[key], digits)
+    return f"{text} [{', '.join(number(v, digits) for v in low_high)}]" if low_high else text
+
+
+def as_csv(recorded: dict[str, Any]) -> str:
+    """Long format: method, variant, metric, source (paper | ours), scene, drone, value; scene "average" for the last column."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["method", "variant", "metric", "source", "scene", "drone", "value"])
+    places = [(scene, drone) for scene in TEST_SCENES for drone in drone_names()] + [("average", "")]
+    for method, variant in methods(recorded):
+        for _, ours, theirs, _ in ROWS:
+            values = [("ours", ours, cells(recorded, method, variant, ours))]
+            if variant is None and theirs:
+                values.append(("paper", ours, paper_cells(method, theirs)))
+            for source, metric, numbers in values:
+                for (scene, drone), value in zip(places, numbers, strict=True):
+                    writer.writerow([method, variant or "", metric, source, scene, drone, "" if np.isnan(value) else f"{value:.6g}"])
+    return text.getvalue()
+
+
+def draw(recorded: dict[str, Any]) -> plt.Figure:
+    """One panel a metric: our average with its interval, and the paper's."""
+    plots.style()
+    names = methods(recorded)
+    figure, axes = plt.subplots(1, len(ROWS), figsize=(12, 0.9 + 0.36 * len(names)), sharey=True)
+    y = np.arange(len(names))[::-1]
+    for ax, (name, key, theirs, _) in zip(axes, ROWS, strict=True):
+        for i, (method, variant) in zip(y, names, strict=True):
+            row = average(recorded, method, variant)
+            if row[key] is not None:
+                low, high = row.get(f"{key}_ci95") or (row[key], row[key])
+                ax.plot([low, high], [i, i], color="#0072B2", linewidth=1.5)
+                ax.plot(row[key], i, "o", color="#0072B2", markersize=5, label="ours, 95 % interval" if i == y[0] else None)
+            if variant is None and theirs:
+                ax.plot(paper_cells(method, theirs)[-1], i, "D", color="#D55E00", markersize=5, markerfacecolor="none",
+                        label="paper, its data" if i == y[0] else None)  # fmt: skip
+        ax.set(title=name, xlim=(0, None), ylim=(-0.6, len(names) - 0.4))
+        ax.grid(axis="x", alpha=0.3)
+    axes[0].set_yticks(y, [title(*m) for m in names])
+    axes[0].legend(loc="lower right", fontsize=7, frameon=True)
+    return figure
