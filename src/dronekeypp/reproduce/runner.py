@@ -191,11 +191,11 @@ def source_digest(weights: Path, data: Path) -> str:
     return f"{hashlib.sha256(weights.read_bytes()).hexdigest()[:16]} on {read_json(data / 'manifest.json')['digest']}"
 
 
-def write_npz(path: Path, arrays: dict[str, Any], made_from: str = "") -> None:
+def write_npz(path: Path, arrays: dict[str, Any], made_from: str | None = None) -> None:
     """The arrays of `arrays`, written beside and renamed, with what they were made from."""
     content = io.BytesIO()
     kept = {name: value for name, value in arrays.items() if isinstance(value, np.ndarray)}
-    np.savez_compressed(content, **kept, made_from=np.array(made_from))
+    np.savez_compressed(content, **kept, **({"made_from": np.array(made_from)} if made_from else {}))
     write_beside(path, content.getvalue())
 
 

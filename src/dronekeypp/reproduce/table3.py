@@ -314,7 +314,7 @@ def draw(recorded: dict[str, Any]) -> plt.Figure:
     """One panel a metric: our average with its interval, and the paper's."""
     plots.style()
     names = methods(recorded)
-    figure, axes = plt.subplots(1, len(ROWS), figsize=(12, 0.9 + 0.36 * len(names)), sharey=True)
+    figure, axes = plt.subplots(1, len(ROWS), figsize=(12, 1.2 + 0.34 * len(names)), sharey=True)
     y = np.arange(len(names))[::-1]
     for ax, (name, key, theirs, _) in zip(axes, ROWS, strict=True):
         for i, (method, variant) in zip(y, names, strict=True):
@@ -329,5 +329,5 @@ def draw(recorded: dict[str, Any]) -> plt.Figure:
         ax.set(title=name, xlim=(0, None), ylim=(-0.6, len(names) - 0.4))
         ax.grid(axis="x", alpha=0.3)
     axes[0].set_yticks(y, [title(*m) for m in names])
-    axes[0].legend(loc="lower right", fontsize=7, frameon=True)
+    figure.legend(*axes[0].get_legend_handles_labels(), ncols=2, loc="outside lower center")
     return figure
