@@ -6,7 +6,7 @@ import pytest
 
 from dronekeypp.baselines import load_network
 from dronekeypp.evaluate import evaluate, measure
-from dronekeypp.reproduce import read_result, table3
+from dronekeypp.reproduce import domains, read_result, table3
 from dronekeypp.reproduce.runner import describe
 from dronekeypp.sixdronesyn.dataset import SixDroneSyn
 
@@ -19,6 +19,14 @@ def test_table_3_is_made_from_its_recorded_result():
     assert (ROOT / "figures" / "table3.csv").read_text() == table3.as_csv(recorded)
     assert recorded["dataset"]["seed"] == 0 and recorded["dataset"]["stride"] == 1
     assert (recorded["dataset"]["train_frames"], recorded["dataset"]["test_frames"]) == (35280, 5040)
+
+
+def test_the_domain_table_is_made_from_its_recorded_result():
+    recorded = read_result("domains")
+    assert (ROOT / "figures" / "domains.md").read_text() == domains.markdown(recorded)
+    drawn, photographs = (recorded["datasets"][name] for name in domains.DOMAINS)
+    assert drawn["environments"] == "procedural" != photographs["environments"]
+    assert {k: drawn[k] for k in ("train_frames", "test_frames", "seed")} == {k: photographs[k] for k in ("train_frames", "test_frames", "seed")}
 
 
 def test_the_shipped_checkpoint_does_what_its_row_says():
