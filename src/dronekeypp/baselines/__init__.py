@@ -1,6 +1,6 @@
 """What DroneKey++ is measured against (Sec. V-B). Each is a `PoseNetwork`, so one loop trains it and one function measures it.
 
-YOLOv8n-pose is no part of this: it is AGPL software and lives in `baselines.yolo`, which only imports it when asked to.
+YOLOv8n-pose is no part of this: it is AGPL software and lives in `baselines.yolo`, which calls it only when asked to.
 """
 
 from pathlib import Path

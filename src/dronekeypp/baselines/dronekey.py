@@ -58,5 +58,4 @@ class DroneKey(PoseNetwork):
 
     @property
     def idle_parameters(self) -> bool:
-        """As in DroneKey++: only where the last layer alone counts and is not fed by the others."""
-        return self.config.gate == "last" and self.config.layer_input == "same"
+        return self.config.idle_layers

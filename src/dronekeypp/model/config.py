@@ -154,6 +154,11 @@ class ModelConfig(Settings):
         return self.backbone_stride if self.backbone == "compact" else 32
 
     @property
+    def idle_layers(self) -> bool:
+        """Whether layers of the encoder get no gradient: the last alone counts and is not fed by the others."""
+        return self.gate == "last" and self.layer_input == "same"
+
+    @property
     def tokens(self) -> int:
         """M, the number of image tokens."""
         return (self.image_size // self.stride) ** 2

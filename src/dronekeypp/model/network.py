@@ -101,8 +101,7 @@ class DroneKeyPP(PoseNetwork):
 
     @property
     def idle_parameters(self) -> bool:
-        """Only where the last layer alone counts and is not fed by the others."""
-        return self.config.gate == "last" and self.config.layer_input == "same"
+        return self.config.idle_layers
 
     def parameter_counts(self) -> dict[str, int]:
         """Learnable numbers by part: {"backbone", "encoder", "decoder", "total"}."""

@@ -130,14 +130,14 @@ class Bench:
     def train(self, run: Run, seed: int) -> Path:
         """Train a run as far as it was not; returns its best checkpoint."""
         folder = self.folder(run, seed)
-        if self.finished(run, seed):
-            return folder / BEST
-        say(f"{run.method} {run.variant or ''} seed {seed}: {folder}", self.progress)
-        sets = [self.split(name, run, seed) for name in ("train", "val")]
-        settings, network = self.settings(run, seed), network_class(run.method)
-        best = train_on(*sets, folder, *settings, resume=True, progress=self.progress, network=network)
-        write_beside(folder / HARDWARE, f"{hardware(settings[1])}\n".encode())
-        return best
+        if not self.finished(run, seed):
+            say(f"{run.method} {run.variant or ''} seed {seed}: {folder}", self.progress)
+            sets = [self.split(name, run, seed) for name in ("train", "val")]
+            network = network_class(run.method)
+            train_on(*sets, folder, *self.settings(run, seed), resume=True, progress=self.progress, network=network)
+        if not (folder / HARDWARE).is_file():  # also after a kill between the last epoch and this line
+            write_beside(folder / HARDWARE, f"{hardware(self.settings(run, seed)[1])}\n".encode())
+        return folder / BEST
 
     def measure(self, run: Run, seed: int, name: str = "test", data: Path | None = None) -> dict[str | None, dict[str, np.ndarray]]:
         """Errors of every test frame by variant: {variant: frames of `evaluate`}. Trains first.

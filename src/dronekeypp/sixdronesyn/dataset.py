@@ -95,13 +95,9 @@ class SixDroneSyn(torch.utils.data.Dataset):
         """Choose this epoch's augmentation; an epoch always looks the same, so a resumed training sees what an uninterrupted one saw."""
         self.epoch = epoch
 
-    def image_path(self, index):
-        """The file of an item's image."""
-        return bop.image_path(self.folders[index], self.frames[index].number)
-
     def stored_image(self, index):
         """The image on disk: (size, size, 3) or (1080, 1920, 3) uint8 RGB."""
-        return read_image(self.image_path(index))
+        return read_image(bop.image_path(self.folders[index], self.frames[index].number))
 
     def _generator(self, index, purpose):
         return np.random.default_rng([self.seed, self.epoch, index, purpose])
