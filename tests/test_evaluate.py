@@ -51,6 +51,10 @@ def test_known_errors_come_back():
     np.testing.assert_allclose(frames["t_axis_m"], np.tile([0, 0.3, 0.4], (24, 1)), atol=1e-5)
     np.testing.assert_allclose(frames["keypoint_crop_px"], 0.05 * 32, rtol=1e-3)
     np.testing.assert_allclose(frames["keypoint_px"], 0.05 * dataset.data["square"][:, 2], rtol=1e-3)
+    distance, moved = (v.norm(dim=1).numpy() for v in (dataset.data["t"], dataset.data["t"] + torch.tensor([0.0, 0.3, 0.4])))
+    np.testing.assert_allclose(frames["distance_ratio"], moved / distance, rtol=1e-5)
+    cosine = (moved**2 + distance**2 - 0.5**2) / (2 * moved * distance)  # the triangle of camera, true and predicted place
+    np.testing.assert_allclose(np.cos(np.radians(frames["direction_deg"])), cosine, atol=1e-5)
     assert frames["class_correct"].all() and not frames["flip"].any() and not frames["failed"].any()
     assert frames["frame"].tolist() == list(range(24))
     np.testing.assert_allclose(np.cos(np.radians(frames["heading_deg"])), heading_cosine(dataset.data), atol=1e-4)
@@ -84,7 +88,7 @@ def test_rows_by_scene_and_drone():
     frames = {
         "R_deg": np.array([1.0, 2.0, 6.0, 10.0]), "t_m": np.array([0.1, 0.2, 0.6, 1.0]), "t_axis_m": np.ones((4, 3)) * 0.1,
         "class_correct": np.array([True, True, False, True]), "keypoint_px": np.ones(4), "keypoint_crop_px": np.ones(4),
-        "pck": np.ones(4), "failed": np.zeros(4, dtype=bool),
+        "pck": np.ones(4), "failed": np.zeros(4, dtype=bool), "distance_ratio": np.ones(4), "direction_deg": np.zeros(4),
         "flip": np.array([False, False, True, False]), "scene": np.array([6, 6, 6, 7]), "label": np.array([1, 1, 1, 0]),
         "subsequence": np.array([0, 0, 1, 0]),
     }  # fmt: skip

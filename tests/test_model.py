@@ -1,6 +1,7 @@
 """The network of Sec. III: its layers against torch's own, its claims as properties, its files, and every bad input."""
 
 import json
+import math
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from dronekeypp.model import (
     sine_positions,
     total_loss,
 )
+from dronekeypp.model.decoder import centre_and_spread, from_site
 
 
 def batch(n=3, size=32):
@@ -117,6 +119,65 @@ def test_equations_2_to_4_by_hand():
     torch.testing.assert_close(out["gate"], torch.softmax(out["ir"][:, -1] @ model.encoder.to_gate.weight.T, -1))
 
 
+def test_a_heatmap_keypoint_is_the_mean_place_of_its_map():
+    model, items = network(keypoint_head="heatmap", gate="last", layers=1), batch()
+    with torch.no_grad():
+        model.encoder.to_heatmap.weight.zero_()
+    assert torch.allclose(run(model, items)["keypoints"], torch.tensor(0.5))  # all cells alike: the middle
+    centres = model.encoder.centres
+    assert centres[0].tolist() == [0.125, 0.125] and centres[1].tolist() == [0.375, 0.125]  # 4 x 4 cells: x runs first
+    with torch.no_grad():
+        model.encoder.to_heatmap.weight.normal_()
+    heat = torch.softmax(model.encoder.to_heatmap(tokens_of(model, items)), dim=1)  # (B, M, 4)
+    expected = torch.einsum("bmk,mc->bkc", heat, centres)
+    torch.testing.assert_close(run(model, items)["keypoints"], expected)
+
+
+def tokens_of(model, items):
+    """The image tokens after the encoder's only layer: (B, M, d)."""
+    encoder = model.encoder
+    tokens = encoder.tokenise(model.backbone(items["image"])).flatten(2).transpose(1, 2) + encoder.positions
+    return encoder.blocks[0](torch.cat([encoder.cls.expand(len(tokens), -1, -1), tokens], dim=1))[0][:, 1:]
+
+
+def test_site_measures_against_the_rays():
+    items = batch(8)
+    rays = camera.rays(camera.from_crop(items["keypoints"], items["square"]), items["K"])
+    s = torch.tensor([[0.1, -0.2, -1.5]]).expand(8, 3)
+    t = from_site(s, rays)
+    centre, spread = centre_and_spread(rays)
+    torch.testing.assert_close(t[:, 2:] * spread, torch.full((8, 1), math.exp(-1.5)))  # depth times spread: a size in metres
+    torch.testing.assert_close(t[:, :2] / t[:, 2:], centre + spread * s[:, :2])
+    # twice as far, the same drone looks half as large: the same three numbers say so
+    far = torch.cat([centre[:, None] + (rays[..., :2] - centre[:, None]) / 2, rays[..., 2:]], dim=-1)
+    torch.testing.assert_close(from_site(s, far)[:, 2], 2 * t[:, 2], rtol=0.01, atol=0)  # SMALLEST_SPREAD
+
+
+def test_an_allocentric_head_turns_with_the_ray():
+    model, items = network(rotation="allocentric", translation="site"), batch()
+    with torch.no_grad():
+        for layer in (model.decoder.mlp_pose[-1], model.decoder.embed_rays):
+            layer.weight.zero_()  # the same six numbers for every picture: the identity, seen along the ray
+    out = run(model, items)
+    ray = torch.nn.functional.normalize(out["rays"].mean(dim=1), dim=-1)
+    torch.testing.assert_close(out["R"][:, :, 2], ray)
+    torch.testing.assert_close(out["R"] @ out["R"].transpose(1, 2), torch.eye(3).expand(3, 3, 3), atol=1e-5, rtol=0)
+
+
+def test_a_backbone_in_bfloat16_trains_and_answers_in_float32():
+    model, items = network(), batch()
+    exact = model.train()(items["image"], items["K"], items["square"])["keypoints"]
+    model.backbone.bfloat16 = True
+    rough = run(model, items)["keypoints"]
+    assert rough.dtype == torch.float32 and not torch.equal(rough, exact)
+    torch.testing.assert_close(rough, exact, atol=0.05, rtol=0)
+    rough.sum().backward()
+    assert all(p.dtype == p.grad.dtype == torch.float32 for p in model.backbone.parameters())
+    answers = run(model.eval(), items)["keypoints"]
+    model.backbone.bfloat16 = False
+    assert torch.equal(run(model, items)["keypoints"], answers)  # only training is rough
+
+
 def test_relu_is_alive_at_the_start_and_cuts_below_zero():
     model, items = network(), batch(16)
     assert (run(model, items)["keypoints"] > 0.2).all()
@@ -192,6 +253,7 @@ def test_split_rays_part_position_distance_and_shape():
     [
         dict(pool="mean"), dict(gate="last"), dict(gate="uniform"), dict(layer_input="same"), dict(norm="post"),
         dict(rays="standardised"), dict(angle_zero="edge"), dict(rays="split", rotation="sixd"),
+        dict(rotation="allocentric"), dict(translation="site"), dict(keypoint_head="heatmap"),
         dict(use_rays=False, use_class=False, use_3d=False), dict(use_class=False, use_3d=False),
         dict(use_class=False), dict(backbone="resnet18"), dict(encoder="truth"), dict(backbone_stride=16, dropout=0.1),
     ],
@@ -203,7 +265,7 @@ def test_every_switch_runs_forward_and_backward(changes):
     total_loss(loss_terms(out, items)).backward()
     assert all(p.grad is not None for p in model.parameters())
     assert (out["keypoints_3d"] is None) == (changes.get("use_3d") is False)
-    assert (out["angles"] is None) == (changes.get("rotation") == "sixd")
+    assert (out["angles"] is None) == ("rotation" in changes)
     if "gate" in changes:
         assert torch.allclose(out["gate"][0], torch.tensor([0.0, 1.0] if changes["gate"] == "last" else [0.5, 0.5]))
     counts = model.parameter_counts()

@@ -45,6 +45,15 @@ def test_6d_gram_schmidt_by_hand():
     np.testing.assert_allclose(R, np.eye(3), atol=1e-7)
 
 
+def test_towards_is_the_smallest_turn_to_a_ray():
+    ray = torch.tensor([[0.3, -0.4, 1.0], [0.0, 0.0, 2.0], [-2.0, 1.0, 0.5]], dtype=torch.double)
+    R = rotations.towards(ray)
+    rotations.check_rotation(R)
+    unit = ray / ray.norm(dim=-1, keepdim=True)
+    torch.testing.assert_close(R[:, :, 2], unit)
+    torch.testing.assert_close(rotations.geodesic_degrees(R, torch.eye(3, dtype=torch.double).expand(3, 3, 3)), torch.rad2deg(unit[:, 2].acos()))
+
+
 def test_geodesic_agrees_with_scipy():
     A, B = random_rotations(seed=1), random_rotations(seed=2)
     expected = np.degrees((Rotation.from_matrix(A.numpy()).inv() * Rotation.from_matrix(B.numpy())).magnitude())

@@ -34,6 +34,8 @@ MEASURES: dict[str, Callable[[dict[str, np.ndarray]], float]] = {
     "keypoint_medae_px": lambda f: np.median(f["keypoint_px"]),
     "keypoint_crop_px": lambda f: f["keypoint_crop_px"].mean(),
     "pck": lambda f: f["pck"].mean(),
+    "distance_ratio": lambda f: np.median(f["distance_ratio"]),
+    "direction_deg": lambda f: np.median(f["direction_deg"]),
     "flip_rate": lambda f: f["flip"].mean(),
     "failed": lambda f: f["failed"].mean(),
 }
@@ -49,8 +51,9 @@ def frame_errors(output: dict, batch: dict) -> dict[str, np.ndarray]:
     R_deg: geodesic angle · t_m: Euclidean distance · t_axis_m (B, 3): per camera axis · class_correct, label, predicted (-1: none) ·
     keypoint_units: mean distance of the four keypoints in crop units, keypoint_px in full-frame pixels, keypoint_crop_px in pixels of the
     resized crop · pck: share of the four within 5 % of the box's longer side · flip: the predicted nose points more than 90 degrees
-    away from the true one · heading_deg: angle between the true nose and the way to the camera (0: it looks at us, 180: away from us) ·
-    failed: no pose was found, and R and t are the method's constant answer.
+    away from the true one · distance_ratio: predicted over true distance · direction_deg: angle between the predicted and the true way to the
+    drone · heading_deg: angle between the true nose and the way to the camera (0: it looks at us, 180: away from us) ·
+    failed: no pose was found, and R and t are the method's constant answer · gate (B, N): Eq. 3, of a network that has it.
     """
     R, t, square = batch["R"], batch["t"], batch["square"]
     nothing = torch.full_like(t[:, 0], torch.nan)
@@ -62,11 +65,14 @@ def frame_errors(output: dict, batch: dict) -> dict[str, np.ndarray]:
     if has["class_probs"]:  # all zeros: no answer (a detector that found nothing)
         predicted = torch.where(output["class_probs"].sum(dim=-1) > 0, output["class_probs"].argmax(dim=-1), predicted)
     nose = (output["R"][:, :, 0] * R[:, :, 0]).sum(dim=-1) if has["R"] else nothing
+    across = torch.linalg.cross(output["t"], t).norm(dim=-1) if has["t"] else nothing  # exact at 0 degrees, where acos is not
     errors = {
         "R_deg": rotations.geodesic_degrees(output["R"], R) if has["R"] else nothing,
         "t_m": away.norm(dim=-1),
         "t_axis_m": away.abs(),
         "distance_m": t.norm(dim=-1),
+        "distance_ratio": output["t"].norm(dim=-1) / t.norm(dim=-1) if has["t"] else nothing,
+        "direction_deg": torch.rad2deg(torch.atan2(across, (output["t"] * t).sum(dim=-1))) if has["t"] else nothing,
         "heading_deg": torch.rad2deg(torch.acos((-(R[:, :, 0] * t).sum(dim=-1) / t.norm(dim=-1)).clamp(-1, 1))),
         "class_correct": (predicted == batch["label"]).to(t.dtype) if has["class_probs"] else nothing,
         "label": batch["label"],
@@ -80,6 +86,8 @@ def frame_errors(output: dict, batch: dict) -> dict[str, np.ndarray]:
         "R": output["R"] if has["R"] else nothing[:, None, None].expand(-1, 3, 3),
         "t": output["t"] if has["t"] else nothing[:, None].expand(-1, 3),
     }
+    if output.get("gate") is not None:
+        errors["gate"] = output["gate"]
     for name in ("scene", "frame", "subsequence"):
         errors[name] = batch[name]
     return {name: value.detach().cpu().numpy() for name, value in errors.items()}

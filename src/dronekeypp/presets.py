@@ -31,8 +31,11 @@ class TrainConfig(Settings):
     workers: int = 0  # data loading processes
     max_minutes: float = 0.0  # stop after the epoch in which this is reached; 0: never
     device: str = "auto"  # "auto" | "cpu" | "cuda"
+    precision: str = "float32"  # of the backbone while training: "float32" | "bfloat16", faster where the processor knows it
 
-    CHOICES: ClassVar[dict[str, tuple[str, ...]]] = {"schedule": SCHEDULES, "device": ("auto", "cpu", "cuda")}
+    CHOICES: ClassVar[dict[str, tuple[str, ...]]] = {
+        "schedule": SCHEDULES, "device": ("auto", "cpu", "cuda"), "precision": ("float32", "bfloat16"),
+    }  # fmt: skip
     LEAST: ClassVar[dict[str, float]] = {
         "epochs": 1, "batch": 1, "lr": 0, "backbone_lr": 0, "warmup": 0, "clip": 0, "weight_decay": 0, "keypoint_unit": 0, "frames": 0,
         "val_frames": 0, "seed": 0, "workers": 0, "max_minutes": 0,

@@ -54,6 +54,18 @@ def matrix_from_6d(x):
     return torch.stack([first, second, torch.linalg.cross(first, second)], -1)
 
 
+def towards(ray):
+    """The smallest turn (…, 3, 3) that takes the camera's axis (0, 0, 1) to a ray (…, 3) in front of it, of any length.
+
+    With it a rotation is egocentric (camera←body) or allocentric (as the drone looks when the camera is turned to it):
+    R = towards(t) @ R_allocentric (Kundu et al., CVPR 2018). The same picture then means the same allocentric rotation anywhere in the frame.
+    """
+    x, y, z = torch.nn.functional.normalize(ray, dim=-1).unbind(-1)
+    k = 1 / (1 + z)  # Rodrigues with axis (−y, x, 0)
+    rows = [[1 - k * x * x, -k * x * y, x], [-k * x * y, 1 - k * y * y, y], [-x, -y, z]]
+    return torch.stack([torch.stack(row, -1) for row in rows], -2)
+
+
 def geodesic_degrees(R1, R2):
     """Eq. 13: the angle of R1ᵀR2 in degrees, (…). Uses atan2, which stays exact at 0° and 180° where arccos loses half the digits."""
     M = R1.transpose(-1, -2) @ R2

@@ -225,6 +225,8 @@ def fit(
     rank, world = (dist.get_rank(), dist.get_world_size()) if dist.is_initialized() else (0, 1)
     device, started = choose_device(config), time.monotonic()
     model.to(device)
+    if model.backbone is not None:
+        model.backbone.bfloat16 = config.precision == "bfloat16"
     if state is None:
         state = TrainState(model, config)
     if state.epoch == 0:

@@ -107,13 +107,15 @@ class ModelConfig(Settings):
     dropout: float = 0.0
     pool: str = "max"  # over image tokens: "max" (this paper) | "mean" (DroneKey's released code)
     gate: str = "learned"  # Eq. 3 "learned" | "last" layer only | "uniform"
+    keypoint_head: str = "linear"  # Eq. 2: "linear" in the pooled tokens (paper) | "heatmap" over the tokens, soft-argmax
     layer_input: str = "previous"  # Eq. 1 "previous" layer's output | "same" X^(0) for every layer (DroneKey's code)
     encoder: str = "learned"  # "truth": no encoder, true keypoints and one-hot class go to the decoder (Table 4)
     use_rays: bool = True  # False: the decoder sees the crop coordinates, flattened (Table 5, row 1)
     use_class: bool = True  # False: no class embedding (Table 5, rows 1-3)
     use_3d: bool = True  # False: no MLP_3D (Table 5, rows 1-2)
     rays: str = "raw"  # what the ray embedding is fed: "raw" (paper) | "standardised" | "split"
-    rotation: str = "euler"  # head: "euler" (paper: three sigmoid angles) | "sixd" (Zhou et al. 2019)
+    rotation: str = "euler"  # head: "euler" (paper: three sigmoid angles) | "sixd" (Zhou et al. 2019) | "allocentric": 6D, seen along the ray
+    translation: str = "metres"  # head: "metres" (paper) | "site": against centre and spread of the rays (SITE, Li et al. 2019)
     angle_zero: str = "middle"  # euler only: 0° at the "middle" of the sigmoid, seam at 180° | at its "edge", seam at 0°
     decoder_width: int = 256  # hidden width of MLP_3D and MLP_pose
     decoder_layers: int = 3  # their hidden layers
@@ -124,10 +126,12 @@ class ModelConfig(Settings):
         "norm": ("pre", "post"),
         "pool": ("max", "mean"),
         "gate": ("learned", "last", "uniform"),
+        "keypoint_head": ("linear", "heatmap"),
         "layer_input": ("previous", "same"),
         "encoder": ("learned", "truth"),
         "rays": ("raw", "standardised", "split"),
-        "rotation": ("euler", "sixd"),
+        "rotation": ("euler", "sixd", "allocentric"),
+        "translation": ("metres", "site"),
         "angle_zero": ("middle", "edge"),
     }
     LEAST: ClassVar[dict[str, float]] = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 import torch
@@ -51,11 +52,9 @@ class RayFeatures(nn.Module):
         """The features before they are standardised: (B, F)."""
         if self.mode != "split":
             return rays.flatten(1)  # (B, 12)
-        xy = rays[..., :2]  # z is 1
-        centre = xy.mean(dim=1)  # (B, 2)
-        shape = xy - centre[:, None]  # (B, 4, 2)
-        spread = (shape.square().sum(-1).mean(-1, keepdim=True) + SMALLEST_SPREAD**2).sqrt()  # (B, 1)
-        return torch.cat([centre, spread.log(), (shape / spread[..., None]).flatten(1)], dim=1)  # (B, 11)
+        centre, spread = centre_and_spread(rays)
+        shape = (rays[..., :2] - centre[:, None]) / spread[..., None]  # (B, 4, 2)
+        return torch.cat([centre, spread.log(), shape.flatten(1)], dim=1)  # (B, 11)
 
     def fit(self, rays: Tensor) -> None:
         """Set the statistics from the rays of the training set (F, 4, 3). "raw" has none."""
@@ -68,6 +67,25 @@ class RayFeatures(nn.Module):
 
     def forward(self, rays: Tensor) -> Tensor:
         return (self.plain(rays) - self.mean) / self.std
+
+
+def centre_and_spread(rays: Tensor) -> tuple[Tensor, Tensor]:
+    """Mean x, y (B, 2) of four rays (B, 4, 3) with z = 1, and their root mean square distance from it (B, 1), never 0."""
+    centre = rays[..., :2].mean(dim=1)  # (B, 2)
+    apart = rays[..., :2] - centre[:, None]  # (B, 4, 2)
+    return centre, (apart.square().sum(-1).mean(-1, keepdim=True) + SMALLEST_SPREAD**2).sqrt()
+
+
+def from_site(s: Tensor, rays: Tensor) -> Tensor:
+    """Scale-invariant translation (B, 3) to metres (B, 3): SITE of CDPN (Li et al., ICCV 2019), on rays (B, 4, 3).
+
+    s[:, :2] is how far the drone's centre lies from the centre of the rays, in their spreads; exp(s[:, 2]) is the drone's size, the
+    depth times the spread, in metres. CDPN measures against the detector's box; the keypoints' own centre and spread are the same
+    in every crop, and rays are already divided by the focal length.
+    """
+    centre, spread = centre_and_spread(rays)
+    direction = torch.cat([centre + s[:, :2] * spread, torch.ones_like(spread)], dim=1)  # (B, 3), z = 1
+    return direction * s[:, 2:].exp() / spread
 
 
 class PoseDecoder(nn.Module):
@@ -90,9 +108,11 @@ class PoseDecoder(nn.Module):
             self.mlp_3d = mlp(fused, 4 * 3, config)
         self.rotation_size = 3 if config.rotation == "euler" else 6
         self.mlp_pose = mlp(fused + (12 if config.use_3d else 0), self.rotation_size + 3, config)
-        if config.rotation == "sixd":  # start near the identity: Gram-Schmidt needs independent columns
-            with torch.no_grad():
+        with torch.no_grad():
+            if config.rotation != "euler":  # start near the identity: Gram-Schmidt needs independent columns
                 self.mlp_pose[-1].bias[:6] = torch.tensor([1.0, 0.0, 0.0, 0.0, 1.0, 0.0])
+            if config.translation == "site":  # start with a drone whose hubs lie 0.2 m from its centre
+                self.mlp_pose[-1].bias[-1:] = math.log(0.2)
 
     def fit_rays(self, batches: Iterable[dict[str, Tensor]]) -> None:
         """Set the ray statistics from batches with true keypoints, square and K. A no-op where none are used."""
@@ -127,6 +147,10 @@ class PoseDecoder(nn.Module):
             R = rotations.angles_to_matrix(angles)
         else:
             angles, R = None, rotations.matrix_from_6d(turn)
+        if self.config.rotation == "allocentric":  # as seen along the ray to the drone, not along the camera's axis
+            R = rotations.towards(rays.mean(dim=1)) @ R
+        if self.config.translation == "site":  # not metres, but how far off the centre, and how large for its spread
+            t = from_site(t, rays)
         return {
             "keypoints_px": pixels, "rays": rays, "e_ray": e_ray, "e_cls": e_cls, "keypoints_3d": keypoints_3d,
             "angles": angles, "R": R, "t": t,

@@ -25,6 +25,12 @@ def sine_positions(side: int, width: int) -> Tensor:
     return torch.cat([rows, columns], dim=2).reshape(side * side, width)
 
 
+def cell_centres(side: int) -> Tensor:
+    """Middle (x, y) of every cell of a side x side grid in crop units (side*side, 2), row by row."""
+    middle = (torch.arange(side) + 0.5) / side
+    return torch.stack([middle.repeat(side), middle.repeat_interleave(side)], dim=1)
+
+
 class SelfAttention(nn.Module):
     """Multi-head self-attention from matrix products. (B, T, d) -> (B, T, d), and the weights (B, heads, T, T)."""
 
@@ -81,17 +87,22 @@ class KeypointEncoder(nn.Module):
         self.config = config
         d, N = config.width, config.layers
         self.tokenise = nn.Conv2d(channels, d, 1)  # one token per cell of the feature map
-        self.register_buffer("positions", sine_positions(config.image_size // config.stride, d), persistent=False)
+        side = config.image_size // config.stride  # s
+        self.register_buffer("positions", sine_positions(side, d), persistent=False)
         self.cls = nn.Parameter(torch.zeros(1, 1, d))
         self.blocks = nn.ModuleList(EncoderLayer(config) for _ in range(N))
-        self.to_keypoints = nn.Linear(d, 4 * 2)  # W of Eq. 2, one for all layers
+        if config.keypoint_head == "heatmap":  # not the paper's: how much each cell looks like each keypoint
+            self.to_heatmap = nn.Linear(d, 4, bias=False)  # a bias would raise the whole map, and a softmax not see it
+            self.register_buffer("centres", cell_centres(side), persistent=False)  # (M, 2)
+        else:
+            self.to_keypoints = nn.Linear(d, 4 * 2)  # W of Eq. 2, one for all layers
+            # Eq. 4 ends in a ReLU, whose gradient is zero below zero. Eq. 2 prints no bias; ours starts at the middle of
+            # the crop with small weights, so that every keypoint is positive, and therefore learns, from the first step.
+            nn.init.trunc_normal_(self.to_keypoints.weight, std=0.005)
+            nn.init.constant_(self.to_keypoints.bias, 0.5)
         self.to_gate = nn.Linear(d, N, bias=False) if config.gate == "learned" else None  # W_g of Eq. 3
         self.to_class = nn.Linear(d, config.classes)  # W_cls of Eq. 5
         nn.init.trunc_normal_(self.cls, std=0.02)
-        # Eq. 4 ends in a ReLU, whose gradient is zero below zero. Eq. 2 prints no bias; ours starts at the middle of
-        # the crop with small weights, so that every keypoint is positive, and therefore learns, from the first step.
-        nn.init.trunc_normal_(self.to_keypoints.weight, std=0.005)
-        nn.init.constant_(self.to_keypoints.bias, 0.5)
         if self.to_gate is not None:  # all layers alike at the start; from random weights one layer soon takes everything
             nn.init.zeros_(self.to_gate.weight)
 
@@ -110,14 +121,18 @@ class KeypointEncoder(nn.Module):
     def forward(self, features: Tensor) -> dict[str, Tensor | list[Tensor]]:
         tokens = self.tokenise(features).flatten(2).transpose(1, 2) + self.positions  # (B, M, d) = X^(0)
         start = torch.cat([self.cls.expand(len(tokens), -1, -1), tokens], dim=1)  # (B, 1+M, d)
-        x, pooled, attention = start, [], []
+        x, maps, attention = start, [], []
         for block in self.blocks:  # Eq. 1
             x, weights = block(x if self.config.layer_input == "previous" else start)
-            image_tokens = x[:, 1:]  # the pool leaves [cls] out
-            pooled.append(image_tokens.amax(dim=1) if self.config.pool == "max" else image_tokens.mean(dim=1))
+            maps.append(x[:, 1:])  # without [cls]
             attention.append(weights)
-        ir = torch.stack(pooled, dim=1)  # (B, N, d)
-        cr = self.to_keypoints(ir).unflatten(-1, (4, 2))  # (B, N, 4, 2), Eq. 2
+        maps = torch.stack(maps, dim=1)  # (B, N, M, d)
+        ir = maps.amax(dim=2) if self.config.pool == "max" else maps.mean(dim=2)  # (B, N, d)
+        if self.config.keypoint_head == "heatmap":
+            heat = torch.softmax(self.to_heatmap(maps), dim=2)  # (B, N, M, 4), each map sums to 1
+            cr = heat.transpose(2, 3) @ self.centres  # (B, N, 4, 2): the mean place
+        else:
+            cr = self.to_keypoints(ir).unflatten(-1, (4, 2))  # (B, N, 4, 2), Eq. 2
         gate = self.gate(ir[:, -1])  # (B, N), Eq. 3
         keypoints = torch.relu((gate[:, :, None, None] * cr).sum(dim=1))  # (B, 4, 2), Eq. 4
         logits = self.to_class(x[:, 0])  # (B, classes), Eq. 5 before its softmax
