@@ -13,7 +13,8 @@ from conftest import paint_environments
 from fakes import tiny
 
 from dronekeypp.errors import InputError
-from dronekeypp.reproduce import read_result, reproduce, table3
+from dronekeypp.presets import preset as find_preset
+from dronekeypp.reproduce import ablations, priors, read_result, reproduce, tables
 from dronekeypp.reproduce.runner import PAPER, read_npz, source_digest, write_npz
 
 BUDGET = {**tiny(layers=1), "backbone_weights": None, "epochs": 2, "frames": 64, "val_frames": 32, "batch": 32, "device": "cpu"}
@@ -39,14 +40,14 @@ def test_the_result_is_recorded_with_what_made_it(finished):
     assert recorded["dataset"]["environments"] == "environments" and "CPU cores" in recorded["hardware"]
     assert recorded["preset"] == "cpu" and recorded["budget"]["frames"] == "64" and recorded["minutes"] >= 0
     names = [("DroneKey++", None), ("DroneKey", None), ("DroneKey", "upright"), ("DronePose", None), ("DronePose", "told the crop")]
-    assert [m for m in table3.methods(recorded) if not m[0].startswith("YOLO")] == names
+    assert [m for m in tables.methods(recorded) if not m[0].startswith("YOLO")] == names
     rows = [row for row in recorded["rows"] if row["method"] == "DroneKey++"]
     assert len(rows) == 14 and {row["scene"] for row in rows} == {6, 7} and sum(row["frames"] for row in rows) == 42
     for row in recorded["rows"]:
         assert row["R_mae_deg"] >= 0 and row["t_mae_m"] > 0
         assert (row["class_accuracy"] is None) == (row["method"] in ("DroneKey", "DronePose"))  # they have no classifier
-    low, high = table3.average(recorded, "DroneKey", None)["R_mae_deg_ci95"]
-    assert low < table3.average(recorded, "DroneKey", None)["R_mae_deg"] < high
+    low, high = tables.average(recorded, "DroneKey", None)["R_mae_deg_ci95"]
+    assert low < tables.average(recorded, "DroneKey", None)["R_mae_deg"] < high
     matrix = next(c for c in recorded["confusion"] if c["method"] == "DroneKey++")["true_by_predicted"]
     assert np.array(matrix).sum() == 42
 
@@ -131,7 +132,7 @@ def test_domains(finished, tmp_path):
     assert variants == {f"trained {a}, tested {b}" for a in ("drawn", "photographs") for b in ("drawn", "photographs")}
     assert len(list((root / "runs").rglob("dronekeypp/seed0/last.safetensors"))) == 2  # the run of Table 3 serves here too
     assert (root / "figures" / "domains.md").read_text().count("| drawn |") == 3
-    errors = [table3.average(recorded, *name)["keypoint_px"] for name in table3.methods(recorded)]
+    errors = [tables.average(recorded, *name)["keypoint_px"] for name in tables.methods(recorded)]
     assert len(set(errors)) == 4  # every cell has its own pictures
     assert recorded["datasets"]["photographs"]["environments"] == "photographs"
     few = paint_environments(tmp_path / "few", n=5)
@@ -139,10 +140,87 @@ def test_domains(finished, tmp_path):
         reproduce("domains", overrides=BUDGET, root=root, data=data, stride=STRIDE, photographs=few, progress=False)
 
 
+@pytest.fixture(scope="module")
+def ablated(finished, tmp_path_factory):
+    """Table 5 of a tiny network, three seeds: (root, recorded result)."""
+    root = tmp_path_factory.mktemp("ablations")
+    return root, reproduce("table5", overrides={**BUDGET, "epochs": 1}, root=root, data=finished[1], stride=STRIDE, seeds=3, progress=False)
+
+
+def test_an_ablation_has_every_row_and_seed(ablated):
+    root, recorded = ablated
+    names = [row.name for row in ablations.ABLATIONS["table5"].rows]
+    assert [variant for _, variant in tables.methods(recorded)] == names == list(PAPER["table5"])
+    assert len(recorded["rows"]) == 4 * 3 * 14 and recorded["budget"]["epochs"] == "1"
+    assert recorded == read_result("table5", root)
+    gates = [story.get("gate") for story in recorded["runs"]]
+    assert all(sum(gate) == pytest.approx(1, abs=1e-3) for gate in gates)
+    text = (root / "figures" / "table5.md").read_text()
+    assert "(17.34)" in text and "not told apart" in text and text.count("| (1) only MLP_pose |") == 2
+    rows = list(csv.DictReader(open(root / "figures" / "table5.csv")))
+    assert len(rows) == 4 * (5 * 3 + 4)  # five metrics, three seeds; the paper prints four
+    assert (root / "figures" / "table5.png").stat().st_size > 10_000
+
+
+def test_equal_settings_are_one_training(ablated, finished):
+    root, _ = ablated
+    states = {p: p.stat().st_mtime_ns for p in root.rglob("last.safetensors")}
+    again = dict(root=root, data=finished[1], stride=STRIDE, progress=False, overrides={**BUDGET, "epochs": 1}, seeds=1)
+    recorded = reproduce("table6", **again)  # "equal" is Table 5's "(4) full decoder"
+    assert len(states) == 12 and len(list(root.rglob("last.safetensors"))) == 12 + 3
+    assert all(p.stat().st_mtime_ns == then for p, then in states.items())
+    full = ablations.run_of(ablations.ABLATIONS["table5"].rows[3], "cpu")
+    assert full.variant is None and full == ablations.run_of(ablations.Row("equal", {"schedule": "equal"}), "cpu")
+    assert ablations.run_of(ablations.Row("raw", {"rays": "raw"}), "cpu").slug == "dronekeypp-rays-raw"
+    assert ablations.run_of(ablations.Row("raw", {"rays": "raw"}), "paper").variant is None  # the paper preset's own
+    assert len({json.dumps(row["R_mae_deg"]) for row in recorded["averages"]}) > 2
+
+
+def test_a_verdict_needs_an_interval_without_zero_and_seeds_that_agree(ablated):
+    assert ablations.Difference(2.0, (1.0, 3.0), (1.9, 2.0, 2.1)).verdict == "worse"
+    assert ablations.Difference(-2.0, (-3.0, -1.0), (-2.0,)).verdict == "better?"
+    assert ablations.Difference(2.0, (-0.1, 3.0), (2.0, 2.0, 2.0)).verdict == "not told apart"
+    assert ablations.Difference(2.0, (1.0, 3.0), (4.0, 4.0, -2.0)).verdict == "not told apart"
+    _, recorded = ablated
+    one = ablations.difference(recorded, "(1) only MLP_pose", "t_mae_m")
+    cells = [tables.cells(recorded, "DroneKey++", name, "t_mae_m")[-1] for name in ("(1) only MLP_pose", "(4) full decoder")]
+    assert one.mean == pytest.approx(cells[0] - cells[1]) == pytest.approx(np.mean(one.seeds))
+
+
+def test_every_row_of_every_ablation_is_a_setting_that_exists():
+    for preset in ("cpu", "paper"):
+        for ablation in ablations.ABLATIONS.values():
+            for row in ablation.rows:
+                find_preset(preset, ablations.run_of(row, preset).changes)
+    for name in ("table4", "table5", "table6"):
+        assert set(PAPER[name]) == {row.name for row in ablations.ABLATIONS[name].rows}
+
+
+def test_priors(finished, tmp_path):
+    recorded = reproduce("priors", overrides={**BUDGET, "epochs": 1}, root=tmp_path, data=finished[1], stride=STRIDE, progress=False)
+    assert recorded == read_result("priors", tmp_path)
+    runs = {story["without"]: story for story in recorded["runs"]}
+    assert set(runs) == {None, *priors.DRONES}
+    settings = json.loads((tmp_path / "runs" / "ablations-cpu" / "dronekeypp-without-tello" / "seed0" / "config.json").read_text())
+    whole = json.loads((tmp_path / "runs" / "ablations-cpu" / "dronekeypp" / "seed0" / "config.json").read_text())
+    assert settings["data"]["train_frames"] * 7 == whole["data"]["train_frames"] * 6
+    assert [row["drone"] for row in recorded["rows"] if row["variant"] == "without Tello"] == ["Tello", "Tello"]  # scenes 6 and 7
+    taken = next(t["share"] for t in recorded["taken_for"] if t["drone"] == "Tello")
+    assert sum(taken) == pytest.approx(1)
+    told = np.array(recorded["told"][0]["distance_ratio"])
+    assert told.shape == (7, 7) and (told > 0).all() and len({*told[0]}) > 1  # another class, another distance
+    assert priors.size_ratios(recorded)[0, 0] == 1 and np.array(recorded["embedding"][0]["distance"]).shape == (7, 7)
+    assert "| Tello |" in (tmp_path / "figures" / "priors.md").read_text() and (tmp_path / "figures" / "priors.png").stat().st_size > 10_000
+
+
+def test_the_size_of_a_drone():
+    assert priors.hub_radius("Tello") < priors.hub_radius("Mini2") < priors.hub_radius("Mav3")
+
+
 def test_bad_calls_are_one_clear_error(finished, tmp_path):
     root, data, _ = finished
     for arguments, match in [
-        (dict(name="table9"), "reproduce table9: choose table3, domains"),
+        (dict(name="table9"), "reproduce table9: choose table3, table4"),
         (dict(name="table3", preset="huge"), "unknown preset 'huge'"),
         (dict(name="table3", seeds=0), "--seeds 0"),
         (dict(name="table3", overrides={"max_minutes": 1}), "kill it instead"),

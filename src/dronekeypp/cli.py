@@ -132,9 +132,9 @@ def parser():
     p.set_defaults(run=_evaluate)
 
     p = verbs.add_parser("reproduce", help="measure a table from nothing: render, train, evaluate, write; run it again to resume")
-    p.add_argument("name", metavar="NAME", help="table3, or domains (with --photographs)")
+    p.add_argument("name", metavar="NAME", help="table3, table4, table5, table6, heads, rays, priors, or domains (with --photographs)")
     p.add_argument("--preset", default="cpu", help="cpu (default) or paper")
-    p.add_argument("--seeds", type=int, default=1, metavar="N", help="trainings a row (default 1)")
+    p.add_argument("--seeds", type=int, metavar="N", help="trainings a row (default: 3 for table4, 5 and 6, else 1)")
     p.add_argument("--set", action="append", metavar="key=value", help="change one setting of every run")
     p.add_argument("--data", type=Path, metavar="DATASET", help="default: data/6dronesyn; rendered if it is not there")
     p.add_argument("--stride", type=int, default=1, metavar="N", help="of the rendering: keep every N-th frame of each flight")

@@ -85,6 +85,7 @@ def frame_errors(output: dict, batch: dict) -> dict[str, np.ndarray]:
         "failed": output["failed"] if has["failed"] else torch.zeros_like(predicted, dtype=torch.bool),
         "R": output["R"] if has["R"] else nothing[:, None, None].expand(-1, 3, 3),
         "t": output["t"] if has["t"] else nothing[:, None].expand(-1, 3),
+        "keypoints": output["keypoints"] if has["keypoints"] else nothing[:, None, None].expand(-1, 4, 2),
     }
     if output.get("gate") is not None:
         errors["gate"] = output["gate"]
@@ -110,7 +111,7 @@ def evaluate(
     criterion: Callable[[dict, dict], dict[str, torch.Tensor]] | None = None,
     progress: Callable | None = None,
 ) -> dict[str, np.ndarray]:
-    """Errors of every frame of `dataset`, in its order: the arrays of `frame_errors`, joined, and the predicted R and t.
+    """Errors of every frame of `dataset`, in its order: the arrays of `frame_errors`, joined, and the predicted R, t and keypoints.
 
     `criterion(output, batch)` may add loss terms: they come back as "losses", their means. `progress` may wrap the batches (tqdm).
     The network is put in evaluation mode and left as it was found.

@@ -30,6 +30,7 @@ from dronekeypp.files import write_beside
 from dronekeypp.model.backbone import Backbone, save_backbone
 from dronekeypp.model.base import PoseNetwork
 from dronekeypp.model.config import ModelConfig
+from dronekeypp.model.encoder import cell_centres
 from dronekeypp.train import TrainState, choose_device, describe_data, fit
 
 
@@ -76,10 +77,7 @@ def soft_argmax(logits: Tensor) -> Tensor:
 
     A centre of mass never leaves the outermost cell centres (1/12 from the border with 6x6 cells); the crop's margin keeps the hubs inside.
     """
-    s = logits.shape[-1]
-    weights = logits.flatten(2).softmax(dim=-1).unflatten(2, (s, s))  # (B, K, s, s)
-    axis = (torch.arange(s, device=logits.device) + 0.5) / s
-    return torch.stack([(weights.sum(dim=2) * axis).sum(-1), (weights.sum(dim=3) * axis).sum(-1)], dim=-1)
+    return logits.flatten(2).softmax(dim=-1) @ cell_centres(logits.shape[-1]).to(logits)  # (B, K, M) @ (M, 2)
 
 
 class Joined(ConcatDataset):

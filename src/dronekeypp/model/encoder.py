@@ -96,13 +96,14 @@ class KeypointEncoder(nn.Module):
             self.register_buffer("centres", cell_centres(side), persistent=False)  # (M, 2)
         else:
             self.to_keypoints = nn.Linear(d, 4 * 2)  # W of Eq. 2, one for all layers
+        self.to_gate = nn.Linear(d, N, bias=False) if config.gate == "learned" else None  # W_g of Eq. 3
+        self.to_class = nn.Linear(d, config.classes)  # W_cls of Eq. 5
+        nn.init.trunc_normal_(self.cls, std=0.02)
+        if config.keypoint_head == "linear":
             # Eq. 4 ends in a ReLU, whose gradient is zero below zero. Eq. 2 prints no bias; ours starts at the middle of
             # the crop with small weights, so that every keypoint is positive, and therefore learns, from the first step.
             nn.init.trunc_normal_(self.to_keypoints.weight, std=0.005)
             nn.init.constant_(self.to_keypoints.bias, 0.5)
-        self.to_gate = nn.Linear(d, N, bias=False) if config.gate == "learned" else None  # W_g of Eq. 3
-        self.to_class = nn.Linear(d, config.classes)  # W_cls of Eq. 5
-        nn.init.trunc_normal_(self.cls, std=0.02)
         if self.to_gate is not None:  # all layers alike at the start; from random weights one layer soon takes everything
             nn.init.zeros_(self.to_gate.weight)
 

@@ -8,30 +8,35 @@ from pathlib import Path
 from typing import Any
 
 from dronekeypp.errors import InputError
-from dronekeypp.reproduce import domains, table3
+from dronekeypp.reproduce import ablations, domains, priors, table3
 from dronekeypp.reproduce.runner import Bench, read_result
 
-# What one training may cost, by preset. `cpu`: 470,000 crops, about 40 quiet minutes on two cores; `paper`: the paper's own.
+# What one training may cost, by preset. `cpu`: 470,000 crops for the four methods of Table 3, about 40 quiet minutes on two cores, and a
+# quarter of that for a row of an ablation; `paper`: the paper's own.
 BUDGETS: dict[str, dict[str, Any]] = {"cpu": {"epochs": 40, "frames": 11760}, "paper": {}}
+ABLATION_BUDGETS: dict[str, dict[str, Any]] = {"cpu": {"epochs": 10, "frames": 11760}, "paper": {}}
 
 
-def _domains(bench: Bench, seeds: int, photographs: Path | None) -> dict[str, Any]:
+def _domains(bench: Bench, seeds: int | None, photographs: Path | None) -> dict[str, Any]:
     if photographs is None:
         raise InputError("reproduce domains needs --photographs DIR: a folder of 360° panoramas (2:1 equirectangular), six or more")
-    return domains.reproduce(bench, photographs, seeds)
+    return domains.reproduce(bench, photographs, seeds or 1)
 
 
-# name -> what makes it from a Bench, the number of seeds and a folder of photographed panoramas
-NAMES: dict[str, Callable[[Bench, int, Path | None], dict[str, Any]]] = {
-    "table3": lambda bench, seeds, _: table3.reproduce(bench, seeds),
+# name -> what makes it from a Bench, the number of seeds (None: its own) and a folder of photographed panoramas
+NAMES: dict[str, Callable[[Bench, int | None, Path | None], dict[str, Any]]] = {
+    "table3": lambda bench, seeds, _: table3.reproduce(bench, seeds or 1),
+    **{name: ablations.maker(name) for name in ablations.ABLATIONS},
+    "priors": lambda bench, seeds, _: priors.reproduce(bench, seeds or 1),
     "domains": _domains,
 }
+FULL = ("table3", "domains")  # at the full budget, and sharing their runs; the others are ablations, and share theirs
 
 
 def reproduce(
     name: str,
     preset: str = "cpu",
-    seeds: int = 1,
+    seeds: int | None = None,
     overrides: dict[str, Any] | None = None,
     data: str | Path | None = None,
     root: str | Path = ".",
@@ -44,8 +49,8 @@ def reproduce(
     """Measure one table; everything that is already there is kept. Returns the recorded result (also data_samples/results/NAME.json).
 
     Args:
-        name: one of `NAMES`. seeds: trainings a row, seed 0, 1, …
-        overrides: settings for every run, on top of the preset's budget (`BUDGETS`).
+        name: one of `NAMES`. seeds: trainings a row, seed 0, 1, … (default: 3 for Tables 4 to 6, else 1)
+        overrides: settings for every run, on top of the preset's budget (`BUDGETS`, `ABLATION_BUDGETS`).
         data: the data set (default ROOT/data/6dronesyn); flights that are missing are rendered, every `stride`-th frame, before `environments`
             (default: the drawn ones), with `workers` processes.
         root: below it lie runs/, figures/ and data_samples/results/. Try things out in another one: what is recorded there is replaced.
@@ -57,19 +62,20 @@ def reproduce(
         raise InputError(f"reproduce {name}: choose {', '.join(NAMES)}")
     if preset not in BUDGETS:
         raise InputError(f"unknown preset {preset!r}; known: {', '.join(BUDGETS)}")
-    if seeds < 1:
+    if seeds is not None and seeds < 1:
         raise InputError(f"--seeds {seeds}: at least 1")
     if "max_minutes" in (overrides or {}):
         raise InputError("--set max_minutes: a run that is cut short would count as finished; kill it instead, and call again to go on")
     if int(os.environ.get("WORLD_SIZE", 1)) > 1:
         raise InputError("reproduce runs in one process; torchrun is for `train`")
     root = Path(root)
+    budget, group = (BUDGETS, "table3") if name in FULL else (ABLATION_BUDGETS, "ablations")
     bench = Bench(
-        root=root, preset=preset, budget={**BUDGETS[preset], **(overrides or {})}, group=f"table3-{preset}",
+        root=root, preset=preset, budget={**budget[preset], **(overrides or {})}, group=f"{group}-{preset}",
         data=Path(data) if data else root / "data" / "6dronesyn", stride=stride,
         environments=Path(environments) if environments else None, workers=workers, progress=progress,
     )  # fmt: skip
     return NAMES[name](bench, seeds, Path(photographs) if photographs else None)
 
 
-__all__ = ["BUDGETS", "NAMES", "Bench", "read_result", "reproduce"]
+__all__ = ["ABLATION_BUDGETS", "BUDGETS", "NAMES", "Bench", "read_result", "reproduce"]

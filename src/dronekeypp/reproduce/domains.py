@@ -13,7 +13,7 @@ from typing import Any
 from dronekeypp.errors import InputError
 from dronekeypp.files import write_beside
 from dronekeypp.reproduce.runner import Bench, Run, describe, result, rows_and_averages, write_result
-from dronekeypp.reproduce.table3 import average, interval, methods, percent
+from dronekeypp.reproduce.tables import average, interval, methods, percent
 from dronekeypp.sixdronesyn.cache import environment_files
 
 DOMAINS = ("drawn", "photographs")

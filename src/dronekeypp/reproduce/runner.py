@@ -35,8 +35,9 @@ from dronekeypp.presets import TrainConfig
 from dronekeypp.presets import preset as find_preset
 from dronekeypp.sixdronesyn.bop import read_json
 from dronekeypp.sixdronesyn.dataset import SixDroneSyn
+from dronekeypp.sixdronesyn.drones import DRONES
 from dronekeypp.sixdronesyn.generate import generate
-from dronekeypp.sixdronesyn.scenes import count_frames
+from dronekeypp.sixdronesyn.scenes import count_frames, frame_numbers, subsequences
 from dronekeypp.train import BEST, CONFIG, METRICS, check_settings, choose_device, run_settings, train_on, weights_digest
 
 PAPER = json.loads((Path(__file__).parent / "paper.json").read_text(encoding="utf-8"))  # every number the paper prints, by table and row
@@ -45,11 +46,15 @@ HARDWARE = "hardware.txt"  # in a run's folder: what it was trained on
 
 @dataclass(frozen=True)
 class Run:
-    """One training: a method, a variant of it (None: as it is), and the settings in which it differs from the preset."""
+    """One training: a method, a variant of it (None: as it is), and the settings in which it differs from the preset.
+
+    `without` names a drone that is left out of training and validation.
+    """
 
     method: str
     variant: str | None = None
     changes: dict[str, Any] = field(default_factory=dict)
+    without: str | None = None
     hypotheses: tuple[str, ...] = ()  # PnP only: the readings of its two poses, each a row of its own
 
     @property
@@ -108,7 +113,14 @@ class Bench:
     def split(self, name: str, run: Run, seed: int, data: Path | None = None) -> SixDroneSyn:
         model, training = self.settings(run, seed)
         augment = training.augment and name == "train"
-        return SixDroneSyn(data or self.data, name, size=model.image_size, augment=augment, seed=training.seed)
+        drones = [drone for drone in DRONES if drone != run.without or name == "test"]
+        return SixDroneSyn(data or self.data, name, size=model.image_size, augment=augment, seed=training.seed, drones=drones)
+
+    def count(self, name: str, run: Run) -> int:
+        """Frames of a split that a run sees, from the table of flights alone."""
+        stride = read_json(self.data / "manifest.json")["settings"]["stride"]
+        flights = subsequences(drones=[drone for drone in DRONES if drone != run.without])
+        return sum(len(frame_numbers(flight, stride)) for flight in flights if flight.split == name)
 
     def finished(self, run: Run, seed: int) -> bool:
         """Whether a run was trained to its end, with these settings on these data.
@@ -119,10 +131,9 @@ class Bench:
         folder, (model, training) = self.folder(run, seed), self.settings(run, seed)
         if not (folder / METRICS).is_file():
             return False
-        manifest = read_json(self.data / "manifest.json")
         data = {
-            "train_frames": manifest["frames"]["train"], "val_frames": manifest["frames"]["val"], "digest": manifest["digest"], "processes": 1,
-            "backbone_digest": weights_digest(model),
+            "train_frames": self.count("train", run), "val_frames": self.count("val", run), "digest": describe(self.data)["digest"],
+            "processes": 1, "backbone_digest": weights_digest(model),
         }  # fmt: skip
         check_settings(read_json(folder / CONFIG), run_settings(run.method, model, training, data), folder)
         return len((folder / METRICS).read_text().splitlines()) - 1 >= training.epochs
@@ -171,7 +182,7 @@ class Bench:
         return {
             "method": run.method, "variant": run.variant, "seed": seed, "epochs": len(history), "best_epoch": int(np.argmin(scores)) + 1,
             "minutes": round(sum(float(row["seconds"]) for row in history) / 60, 1), "parameters": sum(p.numel() for p in model.parameters()),
-            "changes": {**model.defaults, **run.changes}, "hardware": (folder / HARDWARE).read_text().strip(),
+            "without": run.without, "changes": {**model.defaults, **run.changes}, "hardware": (folder / HARDWARE).read_text().strip(),
         }  # fmt: skip
 
 

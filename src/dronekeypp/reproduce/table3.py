@@ -14,11 +14,10 @@ import torch
 from sklearn.metrics import confusion_matrix
 from torch.utils.data import DataLoader
 
-from dronekeypp import plots
 from dronekeypp.baselines import network_class, yolo
 from dronekeypp.baselines.pnp_pose import PnPPose
 from dronekeypp.camera import from_crop
-from dronekeypp.evaluate import MEASURES, drone_names, frame_errors, interval_of_mean, poses
+from dronekeypp.evaluate import drone_names, frame_errors, poses
 from dronekeypp.files import write_beside
 from dronekeypp.reproduce.runner import (
     PAPER,
@@ -35,24 +34,29 @@ from dronekeypp.reproduce.runner import (
     write_npz,
     write_result,
 )
+from dronekeypp.reproduce.tables import (
+    PRINTED,
+    TEST_SCENES,
+    average,
+    cells,
+    heading,
+    interval,
+    methods,
+    number,
+    panels,
+    percent,
+    title,
+    write_figure,
+)
 from dronekeypp.sixdronesyn.dataset import SixDroneSyn
 from dronekeypp.train import BEST, METRICS, choose_device
 
-TEST_SCENES = (6, 7)
 RUNS = (
     Run("DroneKey++"),
     Run("DroneKey", hypotheses=("fit", "upright")),
     Run("DronePose"),
     Run("DronePose", "told the crop", {"use_rays": True}),
     Run(yolo.METHOD, hypotheses=("fit", "upright")),
-)
-# A row of the table: its name, our measure, the paper's, digits. The paper's translation MAE fits a per-axis mean (see evaluate.py).
-ROWS = (
-    ("R MAE (deg)", "R_mae_deg", "R_deg_MAE", 2),
-    ("R MedAE (deg)", "R_medae_deg", "R_deg_MedAE", 2),
-    ("t per-axis MAE (m)", "t_axis_mae_m", "t_m_MAE", 3),
-    ("t MAE (m)", "t_mae_m", None, 3),
-    ("t MedAE (m)", "t_medae_m", "t_m_MedAE", 3),
 )
 # What is kept of every test frame, for figures.
 KEPT = (
@@ -177,47 +181,10 @@ def shrink(values: np.ndarray) -> np.ndarray:
     return values.astype(np.int16 if values.max() < 2**15 else np.int32) if values.dtype.kind == "i" else values
 
 
-def title(method: str, variant: str | None) -> str:
-    return f"{method} ({variant})" if variant else method
-
-
-def methods(recorded: dict[str, Any]) -> list[tuple[str, str | None]]:
-    """(method, variant) of a recorded result, in its order."""
-    return list(dict.fromkeys((row["method"], row["variant"]) for row in recorded["rows"]))
-
-
-def over_seeds(rows: Sequence[dict], key: str) -> float:
-    """Mean of a measure over the rows given (the seeds of one cell); NaN where it was not measured."""
-    values = [row[key] for row in rows if row[key] is not None]
-    return float(np.mean(values)) if values else float("nan")
-
-
-def cells(recorded: dict[str, Any], method: str, variant: str | None, key: str) -> list[float]:
-    """Our 14 columns (scene 6, then scene 7, the drones in class order) and their mean; NaN where there is no such frame."""
-    mine = [row for row in recorded["rows"] if (row["method"], row["variant"]) == (method, variant)]
-    columns = [
-        over_seeds([row for row in mine if (row["scene"], row["drone"]) == (scene, drone)], key)
-        for scene in TEST_SCENES
-        for drone in drone_names()
-    ]
-    return [*columns, float(np.nanmean(columns)) if not np.isnan(columns).all() else float("nan")]
-
-
 def paper_cells(method: str, key: str) -> list[float]:
     """The paper's 14 columns in our order of drones, and its printed average."""
     printed = PAPER["table3"][method][key]
     return [*(printed[f"scene_{scene:02d}"][drone] for scene in TEST_SCENES for drone in drone_names()), printed["average_printed"]]
-
-
-def average(recorded: dict[str, Any], method: str, variant: str | None) -> dict[str, Any]:
-    """Every measure averaged over the seeds and the 14 columns, and KEY_ci95: its interval over the columns. None: not predicted."""
-    found: dict[str, Any] = {}
-    for key in MEASURES:
-        *columns, mean = cells(recorded, method, variant, key)
-        found[key] = None if np.isnan(mean) else mean
-        if np.isfinite(columns).all():
-            found[f"{key}_ci95"] = interval_of_mean(columns)
-    return found
 
 
 def write_table(recorded: dict[str, Any], folder: Path) -> None:
@@ -225,26 +192,30 @@ def write_table(recorded: dict[str, Any], folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     write_beside(folder / "table3.md", markdown(recorded).encode())
     write_beside(folder / "table3.csv", as_csv(recorded).encode())
-    figure = draw(recorded)
-    content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=110)
-    plt.close(figure)
-    write_beside(folder / "table3.png", content.getvalue())
+    write_figure(folder / "table3.png", draw(recorded))
+
+
+def draw(recorded: dict[str, Any]) -> plt.Figure:
+    """One panel a metric: our average with its interval, and the paper's."""
+    printed = {key: theirs for _, key, theirs, _ in PRINTED}
+    names = methods(recorded)
+
+    def paper(name: tuple[str, str | None], key: str) -> float | None:
+        return paper_cells(name[0], printed[key])[-1] if name[1] is None and printed[key] else None
+
+    return panels(recorded, names, [title(*name) for name in names], paper)
 
 
 def markdown(recorded: dict[str, Any]) -> str:
     """The paper's layout: methods by metrics, 14 columns and the average, the paper's value above ours; then what the paper does not print."""
-    seeds = len({row["seed"] for row in recorded["rows"]})
-    data, minutes = recorded["dataset"], {}
+    minutes: dict[str, float] = {}
     for story in recorded["runs"]:
         minutes.setdefault(title(story["method"], story["variant"]), story["minutes"])
     columns = [f"{scene}·{drone}" for scene in TEST_SCENES for drone in drone_names()]
     lines = [
         "# Table 3: test scenes 6 and 7",
         "",
-        f"Preset `{recorded['preset']}`, {data['train_frames']:,} training frames, {data['test_frames']:,} test frames, {seeds} seed(s), "
-        f"{recorded['hardware']}. Budget: {', '.join(f'{k}={v}' for k, v in recorded['budget'].items()) or 'as in the preset'}; "
-        f"minutes of training: {', '.join(f'{k} {v:g}' for k, v in minutes.items())}.",
+        f"{heading(recorded)} Minutes of training: {', '.join(f'{k} {v:g}' for k, v in minutes.items())}.",
         "",
         "`paper` is the printed value, `ours` what we measured on our own 6DroneSyn: other renderings, other flights, so compare the order of the "
         "methods rather than single cells. The paper's t MAE fits a per-axis error (see `evaluate.py`), so it stands beside ours per axis.",
@@ -253,7 +224,7 @@ def markdown(recorded: dict[str, Any]) -> str:
         "|---|---|---|" + "---:|" * (len(columns) + 1),
     ]
     for method, variant in methods(recorded):
-        for name, ours, theirs, digits in ROWS:
+        for name, ours, theirs, digits in PRINTED:
             values = [("ours", cells(recorded, method, variant, ours))]
             if variant is None and theirs:
                 values.insert(0, ("paper", paper_cells(method, theirs)))
@@ -266,31 +237,16 @@ def markdown(recorded: dict[str, Any]) -> str:
         "Mean of the 14 columns; the interval draws the 14 sequences (scene and drone) with replacement. Fourteen are few: an interval this rough "
         "says only whether two methods are far apart. Seeds are averaged first.",
         "",
-        "| method | " + " | ".join(name for name, *_ in ROWS) + " | class | keypoints (px) | PCK@0.05 | heading flips | no pose |",
-        "|---|" + "---:|" * (len(ROWS) + 5),
+        "| method | " + " | ".join(name for name, *_ in PRINTED) + " | class | keypoints (px) | PCK@0.05 | heading flips | no pose |",
+        "|---|" + "---:|" * (len(PRINTED) + 5),
     ]
     for method, variant in methods(recorded):
         row = average(recorded, method, variant)
-        found = [interval(row, key, digits) for _, key, _, digits in ROWS]
+        found = [interval(row, key, digits) for _, key, _, digits in PRINTED]
         found += [percent(row["class_accuracy"]), number(row["keypoint_px"], 1)]
         found += [percent(row[key]) for key in ("pck", "flip_rate", "failed")]
         lines.append(f"| {title(method, variant)} | " + " | ".join(found) + " |")
     return "\n".join(lines) + "\n"
-
-
-def number(value: float | None, digits: int) -> str:
-    return "–" if value is None or np.isnan(value) else f"{value:.{digits}f}"
-
-
-def percent(value: float | None) -> str:
-    return "–" if value is None or np.isnan(value) else f"{100 * value:.1f} %"
-
-
-def interval(row: dict, key: str, digits: int) -> str:
-    """ "12.34 [10.00, 15.00]", or without the brackets where there is no interval."""
-    low_high = row.get(f"{key}_ci95")
-    text = number(row[key], digits)
-    return f"{text} [{', '.join(number(v, digits) for v in low_high)}]" if low_high else text
 
 
 def as_csv(recorded: dict[str, Any]) -> str:
@@ -300,7 +256,7 @@ def as_csv(recorded: dict[str, Any]) -> str:
     writer.writerow(["method", "variant", "metric", "source", "scene", "drone", "value"])
     places = [(scene, drone) for scene in TEST_SCENES for drone in drone_names()] + [("average", "")]
     for method, variant in methods(recorded):
-        for _, ours, theirs, _ in ROWS:
+        for _, ours, theirs, _ in PRINTED:
             values = [("ours", ours, cells(recorded, method, variant, ours))]
             if variant is None and theirs:
                 values.append(("paper", ours, paper_cells(method, theirs)))
@@ -308,26 +264,3 @@ def as_csv(recorded: dict[str, Any]) -> str:
                 for (scene, drone), value in zip(places, numbers, strict=True):
                     writer.writerow([method, variant or "", metric, source, scene, drone, "" if np.isnan(value) else f"{value:.6g}"])
     return text.getvalue()
-
-
-def draw(recorded: dict[str, Any]) -> plt.Figure:
-    """One panel a metric: our average with its interval, and the paper's."""
-    plots.style()
-    names = methods(recorded)
-    figure, axes = plt.subplots(1, len(ROWS), figsize=(12, 1.2 + 0.34 * len(names)), sharey=True)
-    y = np.arange(len(names))[::-1]
-    for ax, (name, key, theirs, _) in zip(axes, ROWS, strict=True):
-        for i, (method, variant) in zip(y, names, strict=True):
-            row = average(recorded, method, variant)
-            if row[key] is not None:
-                low, high = row.get(f"{key}_ci95") or (row[key], row[key])
-                ax.plot([low, high], [i, i], color="#0072B2", linewidth=1.5)
-                ax.plot(row[key], i, "o", color="#0072B2", markersize=5, label="ours, 95 % interval" if i == y[0] else None)
-            if variant is None and theirs:
-                ax.plot(paper_cells(method, theirs)[-1], i, "D", color="#D55E00", markersize=5, markerfacecolor="none",
-                        label="paper, its data" if i == y[0] else None)  # fmt: skip
-        ax.set(title=name, xlim=(0, None), ylim=(-0.6, len(names) - 0.4))
-        ax.grid(axis="x", alpha=0.3)
-    axes[0].set_yticks(y, [title(*m) for m in names])
-    figure.legend(*axes[0].get_legend_handles_labels(), ncols=2, loc="outside lower center")
-    return figure

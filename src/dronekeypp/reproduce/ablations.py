@@ -1,0 +1,274 @@
+"""Tables 4, 5 and 6, and the heads the paper does not try. Every row is a few settings of the one network, trained at one budget.
+
+To add an ablation, add one entry to ABLATIONS: `python -m dronekeypp reproduce NAME` trains it, measures it, and writes its table,
+its figure and data_samples/results/NAME.json. Rows with the same settings are one training, whatever table they stand in.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from dronekeypp.evaluate import interval_of_mean
+from dronekeypp.files import write_beside
+from dronekeypp.model import DroneKeyPP
+from dronekeypp.presets import preset as find_preset
+from dronekeypp.reproduce.runner import PAPER, Bench, Run, result, rows_and_averages, write_result
+from dronekeypp.reproduce.tables import (
+    PRINTED,
+    average,
+    by_seed,
+    cells,
+    heading,
+    methods,
+    number,
+    panels,
+    percent,
+    write_figure,
+)
+
+METHOD = DroneKeyPP.method
+
+
+@dataclass(frozen=True)
+class Row:
+    """A line of an ablation: its name (the paper's, where the paper has it) and the settings it differs in from the preset."""
+
+    name: str
+    changes: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Ablation:
+    """A table: what it asks, its rows, and the row that the others are compared with (the whole method unless told otherwise)."""
+
+    title: str
+    rows: tuple[Row, ...]
+    reference: str
+    seeds: int = 3
+
+    def __post_init__(self):
+        names = [row.name for row in self.rows]
+        assert self.reference in names and len(set(names)) == len(names), names
+
+
+TRUTH = {"encoder": "truth"}
+
+ABLATIONS: dict[str, Ablation] = {
+    "table4": Ablation(
+        "Table 4: is the encoder needed?",
+        (Row("ground-truth annotations, no encoder", TRUTH), Row("encoder")),
+        reference="encoder",
+    ),
+    "table5": Ablation(
+        "Table 5: the parts of the decoder",
+        (
+            Row("(1) only MLP_pose", {"use_rays": False, "use_3d": False, "use_class": False}),
+            Row("(2) RayEmbed + MLP_pose", {"use_3d": False, "use_class": False}),
+            Row("(3) RayEmbed + MLP_pose + MLP_3D", {"use_class": False}),
+            Row("(4) full decoder"),
+        ),
+        reference="(4) full decoder",
+    ),
+    "table6": Ablation(
+        "Table 6: weights of the losses",
+        (
+            Row("tanh-weighted", {"schedule": "tanh"}),
+            Row("smoothly-shifted", {"schedule": "shifted"}),
+            Row("3D-biased", {"schedule": "biased"}),
+            Row("equal"),
+        ),
+        reference="equal",
+    ),
+    "heads": Ablation(
+        "Heads, gates and inputs that the paper does not try",
+        (
+            Row("the paper's heads"),
+            Row("rotation: 6D", {"rotation": "sixd"}),
+            Row("rotation: allocentric 6D", {"rotation": "allocentric"}),
+            Row("translation: SITE", {"translation": "site"}),
+            Row("6D and SITE", {"rotation": "sixd", "translation": "site"}),
+            Row("keypoints: mean pool", {"pool": "mean"}),
+            Row("keypoints: every layer the same input", {"layer_input": "same"}),
+            Row("keypoints: heatmap", {"keypoint_head": "heatmap"}),
+            Row("gate: last layer only", {"gate": "last"}),
+            Row("gate: uniform", {"gate": "uniform"}),
+        ),
+        reference="the paper's heads",
+        seeds=1,
+    ),
+    "rays": Ablation(
+        "What the ray embedding is fed, with each rotation head, from predicted and from true keypoints",
+        tuple(
+            Row(f"{source} keypoints, {fed} rays, {head}", {**told, "rays": fed, "rotation": rotation})
+            for source, told in (("predicted", {}), ("true", TRUTH))
+            for fed in ("raw", "standardised", "split")
+            for head, rotation in (("Euler", "euler"), ("6D", "sixd"))
+        ),
+        reference="predicted keypoints, split rays, Euler",
+        seeds=1,
+    ),
+}
+
+
+def run_of(row: Row, preset: str) -> Run:
+    """The training behind a row. What the row sets as the preset has it already is left out, so that equal settings are one run."""
+    model, training = find_preset(preset)
+    usual = {**training.to_dict(), **model.to_dict()}
+    changes = {key: value for key, value in row.changes.items() if value != usual[key]}
+    return Run(METHOD, " ".join(f"{key}={value}" for key, value in sorted(changes.items())) or None, changes)
+
+
+def reproduce(name: str, bench: Bench, seeds: int | None = None) -> dict[str, Any]:
+    """Train and measure whatever is missing of an ablation; write its table after every run that ends. Returns the recorded result."""
+    ablation = ABLATIONS[name]
+    bench.render()
+    jobs = [(row, run_of(row, bench.preset), seed) for seed in range(seeds or ablation.seeds) for row in ablation.rows]
+    known = [bench.finished(run, seed) for _, run, seed in jobs]
+    found: dict[int, dict[str, Any]] = {}  # by place in jobs
+    for i in sorted(range(len(jobs)), key=lambda i: not known[i]):  # what is there first, so that no table is written without it
+        row, run, seed = jobs[i]
+        frames = bench.measure(run, seed)[run.variant]
+        rows, means = rows_and_averages(frames, method=METHOD, variant=row.name, seed=seed)
+        story = {**bench.story(run, seed), "variant": row.name}
+        if "gate" in frames:
+            story["gate"] = [round(float(weight), 4) for weight in frames["gate"].mean(axis=0)]
+        found[i] = {"story": story, "rows": rows, "averages": means}
+        if not known[i]:
+            record(name, bench, [found[k] for k in sorted(found)])
+    return record(name, bench, [found[k] for k in sorted(found)])
+
+
+def record(name: str, bench: Bench, parts: list[dict[str, Any]]) -> dict[str, Any]:
+    """Write the result, the table and the figure from what there is; returns the result."""
+    joined = {key: [row for part in parts for row in part[key]] for key in ("rows", "averages")}
+    recorded = result(name, bench, [part["story"] for part in parts], reference=ABLATIONS[name].reference, **joined)
+    write_result(bench.root, recorded)
+    folder = bench.root / "figures"
+    folder.mkdir(parents=True, exist_ok=True)
+    write_beside(folder / f"{name}.md", markdown(recorded).encode())
+    write_beside(folder / f"{name}.csv", as_csv(recorded).encode())
+    write_figure(folder / f"{name}.png", draw(recorded))
+    return recorded
+
+
+def paper_value(name: str, variant: str, key: str) -> float | None:
+    """The paper's number in one of PRINTED's keys, or None: it has no such row or column."""
+    keys = [ours for _, ours, theirs, _ in PRINTED if theirs]
+    printed = PAPER.get(name, {}).get(variant)
+    return printed[keys.index(key)] if printed and key in keys else None
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A row's measure minus the reference's: over the 14 sequences (seeds averaged), and of every seed by itself."""
+
+    mean: float
+    interval: tuple[float, float]
+    seeds: tuple[float, ...]
+
+    @property
+    def verdict(self) -> str:
+        """ "better" or "worse" only if the interval leaves out 0 and all of three or more seeds agree; all our measures are errors."""
+        if self.interval[0] <= 0 <= self.interval[1] or len({np.sign(d) for d in self.seeds}) > 1:
+            return "not told apart"
+        return ("better" if self.mean < 0 else "worse") + ("" if len(self.seeds) >= 3 else "?")
+
+
+def difference(recorded: dict[str, Any], variant: str, key: str) -> Difference | None:
+    """A row against the reference, sequence by sequence; None where either was not measured."""
+    reference = recorded["reference"]
+    ours, theirs = (cells(recorded, METHOD, name, key)[:-1] for name in (variant, reference))
+    apart = np.subtract(ours, theirs)
+    if not np.isfinite(apart).all():
+        return None
+    seeds = [np.array(by_seed(recorded, METHOD, name, key)) for name in (variant, reference)]
+    shared = min(map(len, seeds))
+    return Difference(float(apart.mean()), tuple(interval_of_mean(apart)), tuple((seeds[0][:shared] - seeds[1][:shared]).tolist()))
+
+
+def mean_and_spread(recorded: dict[str, Any], variant: str, key: str, digits: int) -> str:
+    """ "16.5 ± 0.4": mean and standard deviation over the seeds; a single seed has no spread."""
+    values = by_seed(recorded, METHOD, variant, key)
+    if not values:
+        return "–"
+    return number(float(np.mean(values)), digits) + (f" ± {np.std(values, ddof=1):.{digits}f}" if len(values) > 1 else "")
+
+
+def markdown(recorded: dict[str, Any]) -> str:
+    """The paper's table with ours beside it; then every row against the reference."""
+    name, variants = recorded["name"], [variant for _, variant in methods(recorded)]
+    minutes = [story["minutes"] for story in recorded["runs"]]
+    printed = [(title, key, digits) for title, key, _, digits in PRINTED]
+    with_paper = name in PAPER
+    lines = [
+        f"# {ABLATIONS[name].title}",
+        "",
+        f"{heading(recorded)} {len(minutes)} trainings of {min(minutes):g} to {max(minutes):g} minutes.",
+        "",
+        "Mean of the 14 columns of Table 3" + (" ± standard deviation over the seeds" if len({s["seed"] for s in recorded["runs"]}) > 1 else "")
+        + (". The paper's value, on its own data, in brackets." if with_paper else "."),
+        "",
+        "| | " + " | ".join(title for title, *_ in printed) + " | direction (deg) | class | keypoints (px) |",
+        "|---|" + "---:|" * (len(printed) + 3),
+    ]  # fmt: skip
+    for variant in variants:
+        row, shown = average(recorded, METHOD, variant), []
+        for _, key, digits in printed:
+            theirs = paper_value(name, variant, key)
+            shown.append(mean_and_spread(recorded, variant, key, digits) + (f" ({number(theirs, digits)})" if theirs is not None else ""))
+        shown += [number(row["direction_deg"], 2), percent(row["class_accuracy"]), number(row["keypoint_px"], 1)]
+        lines.append(f"| {variant} | " + " | ".join(shown) + " |")
+    reference = recorded["reference"]
+    if reference in variants:
+        lines += [
+            "",
+            f"## Against “{reference}”",
+            "",
+            "Difference of the errors, seeds averaged, with its 95 % interval over the 14 sequences. *Better* or *worse*: the interval leaves out 0 "
+            "and all seeds agree; with fewer than three seeds a question mark stays.",
+            "",
+            "| | " + " | ".join(title for title, *_ in printed) + " |",
+            "|---|" + "---|" * len(printed),
+        ]
+        for variant in variants:
+            if variant != reference:
+                shown = []
+                for _, key, digits in printed:
+                    apart = difference(recorded, variant, key)
+                    low_high = "" if apart is None else ", ".join(f"{v:+.{digits}f}" for v in apart.interval)
+                    shown.append("–" if apart is None else f"{apart.mean:+.{digits}f} [{low_high}] {apart.verdict}")
+                lines.append(f"| {variant} | " + " | ".join(shown) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def as_csv(recorded: dict[str, Any]) -> str:
+    """Long format: variant, metric, source (paper | ours), seed (empty: the paper's), value."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["variant", "metric", "source", "seed", "value"])
+    for _, variant in methods(recorded):
+        for _, key, _, _ in PRINTED:
+            for seed, value in enumerate(by_seed(recorded, METHOD, variant, key)):
+                writer.writerow([variant, key, "ours", seed, f"{value:.6g}"])
+            theirs = paper_value(recorded["name"], variant, key)
+            if theirs is not None:
+                writer.writerow([variant, key, "paper", "", f"{theirs:.6g}"])
+    return text.getvalue()
+
+
+def draw(recorded: dict[str, Any]) -> plt.Figure:
+    """One panel a metric, one line a row."""
+    names = methods(recorded)
+    return panels(recorded, names, [variant for _, variant in names], lambda name, key: paper_value(recorded["name"], name[1], key))
+
+
+def maker(name: str) -> Callable[[Bench, int | None, Any], dict[str, Any]]:
+    """What `reproduce NAME` calls."""
+    return lambda bench, seeds, _: reproduce(name, bench, seeds)
