@@ -122,12 +122,12 @@ class KeypointEncoder(nn.Module):
     def forward(self, features: Tensor) -> dict[str, Tensor | list[Tensor]]:
         tokens = self.tokenise(features).flatten(2).transpose(1, 2) + self.positions  # (B, M, d) = X^(0)
         start = torch.cat([self.cls.expand(len(tokens), -1, -1), tokens], dim=1)  # (B, 1+M, d)
-        x, maps, attention = start, [], []
+        x, image_tokens, attention = start, [], []
         for block in self.blocks:  # Eq. 1
             x, weights = block(x if self.config.layer_input == "previous" else start)
-            maps.append(x[:, 1:])  # without [cls]
+            image_tokens.append(x[:, 1:])  # the pool leaves [cls] out
             attention.append(weights)
-        maps = torch.stack(maps, dim=1)  # (B, N, M, d)
+        maps = torch.stack(image_tokens, dim=1)  # (B, N, M, d)
         ir = maps.amax(dim=2) if self.config.pool == "max" else maps.mean(dim=2)  # (B, N, d)
         if self.config.keypoint_head == "heatmap":
             heat = torch.softmax(self.to_heatmap(maps), dim=2)  # (B, N, M, 4), each map sums to 1
