@@ -1,0 +1,140 @@
+"""Smoothing a flight: noise goes down, nothing crosses a gap, the live filter keeps up and is not fooled by a flip."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from dronekeypp.errors import InputError
+from dronekeypp.sequences import LiveFilter, filtered, flights, gaussian
+
+RATE = 30.0  # frames a second
+
+
+def true_flight(seconds=4.0):
+    """A curve that banks: (R, t, time)."""
+    time = np.arange(round(seconds * RATE)) / RATE
+    t = np.stack([np.sin(1.2 * time), 0.3 * np.cos(time), 4 + 0.8 * time], axis=1)
+    angles = np.stack([0.9 * time, 0.2 * np.sin(time), 0.3 * np.cos(1.5 * time)], axis=1)
+    return Rotation.from_euler("ZYX", angles).as_matrix(), t, time
+
+
+def noisy(R, t, seed=0, turn=0.15, place=0.15, flips=0.0):
+    """Measured: rotations off by `turn` radians, positions by `place` metres, a share `flips` of headings the wrong way round."""
+    rng = np.random.default_rng(seed)
+    flipped = np.where(rng.random(len(t)) < flips, np.pi, 0.0)
+    wrong = Rotation.from_rotvec(rng.normal(0, turn, (len(t), 3))) * Rotation.from_euler("Z", flipped[:, None])
+    return (Rotation.from_matrix(R) * wrong).as_matrix(), t + rng.normal(0, place, t.shape)
+
+
+def errors(R, t, true_R, true_t):
+    """Mean (degrees, metres)."""
+    turned = (Rotation.from_matrix(true_R).inv() * Rotation.from_matrix(R)).magnitude()
+    return np.degrees(turned).mean(), np.linalg.norm(t - true_t, axis=1).mean()
+
+
+def test_a_gaussian_halves_the_noise():
+    R, t, time = true_flight()
+    before = errors(*noisy(R, t), R, t)
+    after = errors(*gaussian(*noisy(R, t), time, sigma=0.1), R, t)
+    assert after[0] < 0.45 * before[0] and after[1] < 0.45 * before[1]
+
+
+def test_a_gaussian_by_hand():
+    R = Rotation.from_euler("Z", [[0.0], [20.0], [90.0]], degrees=True).as_matrix()
+    t, time = np.array([[0.0, 0, 1], [0, 0, 2], [0, 0, 5]]), np.array([0.0, 0.1, 0.2])
+    even_R, even_t = gaussian(R, t, time, sigma=1e6, weights=[1, 1, 0])
+    assert np.degrees(Rotation.from_matrix(even_R[0]).as_euler("ZYX")[0]) == pytest.approx(10)
+    np.testing.assert_allclose(even_t, np.tile([0, 0, 1.5], (3, 1)), atol=1e-9)
+    w = np.exp(-np.square(time - 0.1) / (2 * 0.1**2))
+    np.testing.assert_allclose(gaussian(R, t, time, sigma=0.1)[1][1], w @ t / w.sum())
+    same_R, same_t = gaussian(R, t, time, sigma=0)
+    assert np.array_equal(same_R, R) and np.array_equal(same_t, t)
+
+
+def test_nothing_crosses_a_gap():
+    R, t, time = true_flight()
+    R, t = noisy(R, t)
+    late = np.where(np.arange(len(time)) < 60, time, time + 0.6)
+    assert flights(late) == [slice(0, 60), slice(60, 120)] and flights(time) == [slice(0, 120)]
+    for smooth in (lambda *flight: gaussian(*flight, sigma=0.3), filtered):
+        whole, parts = smooth(R, t, late), [smooth(R[s], t[s], late[s]) for s in flights(late)]
+        for i in (0, 1):
+            np.testing.assert_allclose(whole[i], np.concatenate([part[i] for part in parts]), atol=1e-12)
+
+
+def test_the_live_filter_calms_and_keeps_up():
+    R, t, time = true_flight()
+    before, after = [], []
+    for seed in range(5):
+        measured = noisy(R, t, seed)
+        before.append(errors(*measured, R, t))
+        after.append(errors(*filtered(*measured, time), R, t))
+    ratio = np.mean(after, axis=0) / np.mean(before, axis=0)
+    assert ratio[0] < 0.6 and ratio[1] < 0.6
+    # lag: the delay at which the filtered path, its noise averaged out over seeds, fits the true one best
+    path = np.mean([filtered(*noisy(R, t, seed), time)[1] for seed in range(20)], axis=0)[15:]
+    delays = np.arange(0, 8)
+    fits = [np.abs(path - t[15 - d : len(t) - d]).mean() for d in delays]
+    assert delays[np.argmin(fits)] <= 2  # at most 2 frames, 0.07 s
+
+
+def test_the_live_filter_knows_no_future():
+    R, t, time = true_flight()
+    R, t = noisy(R, t)
+    whole = filtered(R, t, time)
+    part = filtered(R[:50], t[:50], time[:50])
+    np.testing.assert_array_equal(whole[1][:50], part[1])
+
+
+def test_flips_are_passed_over_and_a_lasting_change_is_believed():
+    R, t, time = true_flight()
+    R_measured, t_measured = noisy(R, t, flips=0.1)
+    before, after = errors(R_measured, t_measured, R, t), errors(*filtered(R_measured, t_measured, time), R, t)
+    assert before[0] > 20 and after[0] < 10
+    live = LiveFilter()
+    for i in range(60):  # after two seconds the drone is somewhere else, and stays there
+        live.update(time[i], R[0], t[0] + (0 if i < 30 else 3))
+    assert np.linalg.norm(live.t - t[0] - 3) < 0.3
+
+
+def test_without_a_measurement_it_predicts_then_gives_up():
+    live, R = LiveFilter(), np.eye(3)
+    assert live.update(0.0, None, None) is None
+    for i in range(1, 31):
+        live.update(i / RATE, R, np.array([0.1 * i, 0, 5]))
+    _, ahead = live.update(31 / RATE, None, None)
+    assert ahead[0] == pytest.approx(3.1, abs=0.05)  # it keeps its velocity
+    assert live.update(2.0, None, None) is None
+    _, back = live.update(2.1, R, np.array([9.0, 0, 5]))
+    assert back[0] == 9  # a new flight
+
+
+def test_a_better_measurement_counts_more():
+    found = []
+    for noise in (0.01, 1.0):
+        live = LiveFilter()
+        live.update(0.0, np.eye(3), np.zeros(3))
+        found.append(live.update(0.1, np.eye(3), np.array([0.2, 0, 0]), position_cov=noise * np.eye(3))[1][0])
+    assert 0 < found[1] < found[0] <= 0.2
+
+
+@pytest.mark.parametrize(
+    "change, match",
+    [
+        (dict(t=np.zeros((3, 2))), "a flight needs R"), (dict(time=[0.0, 0.1, 0.1]), "times must rise"), (dict(weights=[1, -1, 1]), "below 0"),
+        (dict(t=np.full((3, 3), np.nan)), "must be finite"), (dict(weights=[0, 0, 0]), "frames 0 to 2 have no weight"),
+    ],
+)  # fmt: skip
+def test_bad_flights(change, match):
+    flight = {"R": np.tile(np.eye(3), (3, 1, 1)), "t": np.zeros((3, 3)), "time": [0.0, 0.1, 0.2], **change}
+    with pytest.raises(InputError, match=match):
+        gaussian(**flight)
+
+
+def test_bad_measurements():
+    live = LiveFilter()
+    live.update(1.0, np.eye(3), np.zeros(3))
+    with pytest.raises(InputError, match="time 1 s does not come after 1 s"):
+        live.update(1.0, np.eye(3), np.zeros(3))
+    with pytest.raises(InputError, match="finite R"):
+        live.update(2.0, np.eye(3) * np.nan, np.zeros(3))
