@@ -15,7 +15,7 @@ def _numbers(text):
     try:
         return [int(part) for part in _names(text)]
     except ValueError:
-        raise InputError(f"--scenes {text}: write scene numbers, for example 6,7") from None
+        raise argparse.ArgumentTypeError(f"{text}: write scene numbers, for example 6,7") from None
 
 
 def _shard(text):
@@ -23,7 +23,7 @@ def _shard(text):
         i, n = text.split("/")
         return int(i), int(n)
     except ValueError:
-        raise InputError(f"--shard {text}: write I/N, for example 0/4") from None
+        raise argparse.ArgumentTypeError(f"{text}: write I/N, for example 0/4") from None
 
 
 def _generate(args):
@@ -75,6 +75,20 @@ def _reproduce(args):
         args.name, args.preset, args.seeds, parse_overrides(args.set), args.data, args.root, args.stride, args.environments, args.photographs,
         args.workers,
     )  # fmt: skip
+
+
+def _box(text):
+    try:
+        x, y, w, h = (float(part) for part in text.split(","))
+        return x, y, w, h
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text}: write x,y,w,h in pixels, for example 800,420,120,60") from None
+
+
+def _predict(args):
+    from .predict import predict
+
+    predict(args.checkpoint, args.footage, args.camera, args.out, args.boxes, args.box, args.smooth, not args.no_overlay)
 
 
 class _Parser(argparse.ArgumentParser):
@@ -130,6 +144,17 @@ def parser():
     p.add_argument("--split", default="test", choices=("train", "val", "test"))
     p.add_argument("--json", type=Path, metavar="FILE", help="also write the rows there")
     p.set_defaults(run=_evaluate)
+
+    p = verbs.add_parser("predict", help="poses of a drone in your own footage; run it again to resume")
+    p.add_argument("checkpoint", type=Path)
+    p.add_argument("footage", type=Path, metavar="INPUT", help="a video, a folder of images, one image")
+    p.add_argument("--camera", type=Path, required=True, metavar="FILE", help="calibration as OpenCV writes it (YAML, XML, JSON), or plain JSON")
+    p.add_argument("--boxes", type=Path, metavar="FILE", help="of the drone, from any detector: COCO JSON, YOLO txt (folder), CSV, MOT")
+    p.add_argument("--box", type=_box, metavar="X,Y,W,H", help="of the drone in the first frame, without such a file; a tracker carries it on")
+    p.add_argument("--out", type=Path, required=True, metavar="DIR")
+    p.add_argument("--smooth", type=float, default=0.0, metavar="SECONDS", help="sigma of a Gaussian over the poses (default 0: none)")
+    p.add_argument("--no-overlay", action="store_true", help="write no video")
+    p.set_defaults(run=_predict)
 
     p = verbs.add_parser("reproduce", help="measure a table from nothing: render, train, evaluate, write; run it again to resume")
     p.add_argument("name", metavar="NAME", help="table3, table4, table5, table6, heads, rays, priors, or domains (with --photographs)")

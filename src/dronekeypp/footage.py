@@ -1,0 +1,308 @@
+"""Your own pictures: a video, a folder or one image; the camera's calibration; boxes from any detector, or one box and a tracker."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from .camera import check_intrinsics
+from .errors import InputError
+
+IMAGES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
+VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".m4v", ".webm")
+
+
+# --- pictures --------------------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Footage:
+    """Frames in order. `names`: one a frame (a file's name; of a video "000012"). `rate`: frames a second, None where pictures have no time."""
+
+    path: Path
+    names: tuple[str, ...]
+    rate: float | None
+
+    @property
+    def is_video(self) -> bool:
+        return self.path.suffix.lower() in VIDEOS
+
+    def read(self, start: int = 0) -> Iterator[tuple[int, np.ndarray | None]]:
+        """(number, image (H, W, 3) uint8 RGB or None where the frame cannot be read), from frame `start` on."""
+        if not self.is_video:
+            for i in range(start, len(self.names)):
+                yield i, _read_image((self.path / self.names[i]) if self.path.is_dir() else self.path)
+            return
+        video = cv2.VideoCapture(str(self.path))
+        try:
+            for i in range(len(self.names)):  # from the first frame on: seeking in compressed video is not exact
+                good = video.grab()
+                if i >= start:
+                    good, image = video.retrieve() if good else (False, None)
+                    yield i, cv2.cvtColor(image, cv2.COLOR_BGR2RGB) if good else None
+        finally:
+            video.release()
+
+
+def _read_image(path: Path) -> np.ndarray | None:
+    try:
+        data = np.frombuffer(path.read_bytes(), np.uint8)
+    except OSError:
+        return None
+    image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    return None if image is None else cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+
+
+def open_footage(path: str | Path) -> Footage:
+    """A video, a folder of images (in the order of their names) or one image.
+
+    Raises:
+        InputError: nothing there, no image in the folder, or a kind of file that is neither.
+    """
+    path = Path(path)
+    if path.is_dir():
+        names = tuple(sorted(p.name for p in path.iterdir() if p.suffix.lower() in IMAGES and not p.name.startswith(".")))
+        if not names:
+            raise InputError(f"{path}: no image in this folder ({', '.join(IMAGES)})")
+        return Footage(path, names, None)
+    if not path.is_file():
+        raise InputError(f"{path}: not found")
+    if path.suffix.lower() in IMAGES:
+        return Footage(path, (path.name,), None)
+    if path.suffix.lower() not in VIDEOS:
+        raise InputError(f"{path}: neither an image ({', '.join(IMAGES)}) nor a video ({', '.join(VIDEOS)})")
+    video = cv2.VideoCapture(str(path))
+    try:
+        count, rate = int(video.get(cv2.CAP_PROP_FRAME_COUNT)), float(video.get(cv2.CAP_PROP_FPS))
+        if not video.isOpened() or count < 1:
+            raise InputError(f"{path}: cannot be opened as a video; is it whole?")
+    finally:
+        video.release()
+    return Footage(path, tuple(f"{i:06d}" for i in range(count)), rate if np.isfinite(rate) and rate > 0 else None)
+
+
+# --- the camera ------------------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """K (3, 3) of the whole frame, OpenCV's distortion coefficients (or none), and the frame's (width, height) where the file gives it."""
+
+    K: np.ndarray
+    distortion: np.ndarray | None = None
+    size: tuple[int, int] | None = None
+
+    def for_frames(self, width: int, height: int) -> Calibration:
+        """The calibration of frames of another size, if they are the calibrated ones made smaller or larger.
+
+        Raises:
+            InputError: another shape: then they were cut, and the matrix cannot be known.
+        """
+        if self.size is None or self.size == (width, height):
+            return self
+        if self.size[0] * height != self.size[1] * width:
+            raise InputError(f"the camera was calibrated at {self.size[0]}×{self.size[1]}, the frames are {width}×{height}: not the same shape")
+        scale = np.diag([width / self.size[0], height / self.size[1], 1.0])
+        return Calibration(scale @ self.K, self.distortion, (width, height))
+
+    @property
+    def opencv_K(self) -> np.ndarray:
+        """K as OpenCV counts: pixel centres from 0, where ours lie at +0.5."""
+        return self.K - np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+
+    def undistort(self, image: np.ndarray) -> np.ndarray:
+        """The picture a pinhole camera with the same K would have taken."""
+        return image if self.distortion is None else cv2.undistort(image, self.opencv_K, self.distortion)
+
+    def undistort_box(self, box: np.ndarray) -> np.ndarray:
+        """The box (x, y, w, h) around where the corners and edges of a box in the distorted picture lie in the undistorted one."""
+        if self.distortion is None:
+            return box
+        x, y, w, h = box
+        along = np.linspace(0, 1, 9)
+        sides = [(x + along * w, np.full(9, v)) for v in (y, y + h)] + [(np.full(9, u), y + along * h) for u in (x, x + w)]
+        rim = np.concatenate([np.stack(side, axis=1) for side in sides])
+        points = cv2.undistortPoints(rim[:, None] - 0.5, self.opencv_K, self.distortion, P=self.opencv_K)[:, 0] + 0.5
+        low, high = points.min(axis=0), points.max(axis=0)
+        return np.array([*low, *(high - low)])
+
+
+def read_camera(path: str | Path) -> Calibration:
+    """A calibration in OpenCV's own format (YAML, XML or JSON, as its calibration sample writes it) or plain JSON.
+
+    Read are `camera_matrix` (or K), `distortion_coefficients` (or dist_coeffs), `image_width` and `image_height`. OpenCV counts pixel centres
+    from 0, this package from 0.5: the principal point is moved by half a pixel.
+
+    Raises:
+        InputError: not found, unreadable, no camera matrix, or one that is none.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: camera file not found")
+    found = _plain_json(path) or _opencv_nodes(path)
+    matrix = next((found[key] for key in ("camera_matrix", "K", "cameraMatrix") if found.get(key) is not None), None)
+    if matrix is None:
+        example = '"camera_matrix": [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]'
+        raise InputError(f"{path}: holds no camera_matrix; write OpenCV's calibration format, or JSON with {example}")
+    try:
+        K = np.array(matrix, dtype=np.float64).reshape(3, 3)
+        distortion = next((found[key] for key in ("distortion_coefficients", "dist_coeffs", "dist_coeff") if found.get(key) is not None), None)
+        distortion = None if distortion is None else np.array(distortion, dtype=np.float64).ravel()
+        size = (int(found["image_width"]), int(found["image_height"])) if found.get("image_width") and found.get("image_height") else None
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{path}: camera_matrix needs 3×3 numbers, distortion a list of numbers ({error})") from None
+    check_intrinsics(K, f"{path}: camera_matrix")
+    if distortion is not None and (len(distortion) not in (4, 5, 8, 12, 14) or not np.isfinite(distortion).all()):
+        raise InputError(f"{path}: distortion has {len(distortion)} numbers; OpenCV knows 4, 5, 8, 12 or 14, all finite")
+    K[:2, 2] += 0.5
+    return Calibration(K, distortion if distortion is not None and distortion.any() else None, size)
+
+
+def _plain_json(path: Path) -> dict | None:
+    """JSON as anyone would write it, or OpenCV's with its matrices' data; None if it is no JSON."""
+    if path.suffix.lower() != ".json":
+        return None
+    try:
+        found = json.loads(path.read_text())
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not valid JSON ({error})") from None
+    if not isinstance(found, dict):
+        raise InputError(f"{path}: holds no settings but a {type(found).__name__}")
+    return {key: value["data"] if isinstance(value, dict) and "data" in value else value for key, value in found.items()}
+
+
+def _opencv_nodes(path: Path) -> dict:
+    try:
+        file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+        root = file.root()
+        found = {key: (node.mat() if node.isMap() else node.real()) for key in root.keys() for node in [root.getNode(key)] if not node.isString()}
+        file.release()
+    except (cv2.error, SystemError) as error:
+        raise InputError(f"{path}: not a calibration in OpenCV's YAML, XML or JSON ({str(error).strip().splitlines()[-1]})") from None
+    return found
+
+
+# --- boxes -----------------------------------------------------------------------------------------------------------------------------
+
+
+def read_boxes(path: str | Path, names: tuple[str, ...], width: int, height: int) -> dict[int, np.ndarray]:
+    """One box (x, y, w, h) in pixels a frame: {frame number: box}. Of several in a frame the most confident counts.
+
+    The format follows from the file. COCO (.json: a list of detections, or a data set with images and annotations) · YOLO (a folder with one
+    .txt a frame: class cx cy w h [confidence], shares of the frame) · MOT (.txt: frame, id, x, y, w, h, confidence …, frames from 1) · CSV with
+    a header: frame (number from 0, or file name), x, y, w, h[, score]. `names` are the footage's.
+
+    Raises:
+        InputError: not found, not one of these, or a line that is none (it is named).
+    """
+    path = Path(path)
+    by_name = {name: i for i, name in enumerate(names)} | {Path(name).stem: i for i, name in enumerate(names)}
+    if path.is_dir():
+        rows = [row for file in sorted(path.glob("*.txt")) if file.stem in by_name for row in _yolo(file, by_name[file.stem], width, height)]
+    elif not path.is_file():
+        raise InputError(f"{path}: boxes not found")
+    elif path.suffix.lower() == ".json":
+        rows = _coco(path, by_name)
+    elif path.suffix.lower() == ".csv":
+        rows = _csv(path, by_name)
+    elif "," in path.read_text(errors="replace").split("\n", 1)[0]:
+        rows = _mot(path)
+    else:
+        rows = _yolo(path, 0, width, height)
+    best: dict[int, tuple[float, np.ndarray]] = {}
+    for where, frame, box, score in rows:
+        box = np.array(box, dtype=np.float64)
+        if not np.isfinite(box).all() or box[2] <= 0 or box[3] <= 0:
+            raise InputError(f"{where}: a box needs finite numbers and a width and height above 0, got {box.tolist()}")
+        if box[0] >= width or box[1] >= height or box[0] + box[2] <= 0 or box[1] + box[3] <= 0:
+            raise InputError(f"{where}: the box {box.tolist()} lies outside the {width}×{height} frame")
+        if 0 <= frame < len(names) and score > best.get(frame, (-np.inf,))[0]:
+            best[frame] = (score, box)
+    if not best:
+        raise InputError(f"{path}: no box for any of the {len(names)} frames; do the names or numbers match?")
+    return {frame: box for frame, (_, box) in sorted(best.items())}
+
+
+def _lines(path: Path, split: str | None) -> Iterator[tuple[str, list[float]]]:
+    for number, line in enumerate(path.read_text(errors="replace").splitlines(), 1):
+        if line.strip():
+            try:
+                yield f"{path} line {number}", [float(part) for part in line.split(split)]
+            except ValueError:
+                raise InputError(f"{path} line {number}: not numbers: {line.strip()[:60]!r}") from None
+
+
+def _yolo(path: Path, frame: int, width: int, height: int) -> Iterator[tuple]:
+    for where, row in _lines(path, None):
+        if len(row) < 5:
+            raise InputError(f"{where}: a YOLO line is class cx cy w h [confidence]")
+        cx, cy, w, h = np.array(row[1:5]) * [width, height, width, height]
+        yield where, frame, (cx - w / 2, cy - h / 2, w, h), row[-1] if len(row) > 5 else 1.0
+
+
+def _mot(path: Path) -> Iterator[tuple]:
+    for where, row in _lines(path, ","):
+        if len(row) < 6:
+            raise InputError(f"{where}: a MOT line is frame, id, x, y, w, h[, confidence …]")
+        yield where, int(row[0]) - 1, row[2:6], row[6] if len(row) > 6 else 1.0
+
+
+def _csv(path: Path, by_name: dict[str, int]) -> Iterator[tuple]:
+    with open(path, newline="", encoding="utf-8", errors="replace") as file:
+        rows = csv.DictReader(file)
+        if not {"frame", "x", "y", "w", "h"} <= set(rows.fieldnames or ()):
+            raise InputError(f"{path}: the header needs frame, x, y, w, h[, score]; it has {', '.join(rows.fieldnames or ()) or 'nothing'}")
+        for number, row in enumerate(rows, 2):
+            where = f"{path} line {number}"
+            try:
+                frame = by_name[row["frame"]] if row["frame"] in by_name else int(row["frame"])
+                yield where, frame, [float(row[key]) for key in "xywh"], float(row.get("score") or 1.0)
+            except (TypeError, ValueError):
+                raise InputError(f"{where}: not a frame of the footage and four numbers: {row}") from None
+
+
+def _coco(path: Path, by_name: dict[str, int]) -> Iterator[tuple]:
+    try:
+        found = json.loads(path.read_text())
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not valid JSON ({error})") from None
+    images: dict = {}
+    if isinstance(found, dict):
+        for image in found.get("images", []):
+            name = str(image.get("file_name", ""))
+            images[image.get("id")] = by_name.get(Path(name).name, by_name.get(Path(name).stem))
+        found = found.get("annotations")
+    if not isinstance(found, list):
+        raise InputError(f"{path}: neither a COCO list of detections nor a COCO data set")
+    for number, entry in enumerate(found):
+        where = f"{path} entry {number}"
+        try:
+            image = entry["image_id"]
+            frame = images[image] if images else by_name[image] if isinstance(image, str) else int(image)
+            if frame is not None:
+                yield where, frame, [float(v) for v in entry["bbox"]], float(entry.get("score", 1.0))
+        except (KeyError, TypeError, ValueError):
+            raise InputError(f"{where}: needs image_id (a frame of the footage) and bbox [x, y, w, h]") from None
+
+
+class Tracker:
+    """Carries a first-frame box through the footage: OpenCV's MIL tracker, which needs no model file."""
+
+    def __init__(self, box: np.ndarray):
+        self.box, self.tracker = np.asarray(box, dtype=np.float64), None
+
+    def follow(self, image: np.ndarray) -> np.ndarray | None:
+        """The box (x, y, w, h) in this frame, or None where the drone was lost. The first call takes the box as it was given."""
+        picture = np.ascontiguousarray(image[..., ::-1])
+        if self.tracker is None:
+            self.tracker = cv2.TrackerMIL_create()
+            self.tracker.init(picture, tuple(int(round(v)) for v in self.box))
+            return self.box
+        good, box = self.tracker.update(picture)
+        return np.array(box, dtype=np.float64) if good and min(box[2:]) > 0 else None

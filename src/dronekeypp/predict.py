@@ -1,0 +1,352 @@
+"""`python -m dronekeypp predict`: poses of a drone in your own footage.
+
+OUT holds
+    frames.csv      the journal, a row a frame, written as it goes; a killed run goes on after its last row
+    poses.csv       the poses in BOP's results format (scene_id, im_id, obj_id, score, R, t, time; millimetres there and only there)
+    overlay.mp4     box, propellers, body axes, the drone's name and its distance, drawn on the footage (of one image: overlay.png)
+    trajectory.png  the path in space
+With `smooth`, poses.csv, overlay and trajectory hold the smoothed poses; the journal always holds the single frames'.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+import math
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import matplotlib.pyplot as plt
+import numpy as np
+import torch
+from tqdm import tqdm
+
+from . import plots
+from .baselines import load_network
+from .camera import clamp_square, crop_image, project, square_around
+from .errors import InputError
+from .files import write_beside
+from .footage import Calibration, Footage, Tracker, open_footage, read_boxes, read_camera
+from .model import DroneKeyPP
+from .model.base import WEIGHTS
+from .sequences import gaussian
+from .sixdronesyn.drones import DRONES
+
+JOURNAL, POSES, SETTINGS = "frames.csv", "poses.csv", "settings.json"
+COLUMNS = (
+    "frame", "name", "status", "box_x", "box_y", "box_w", "box_h", "drone", "score", "spread_px",
+    *(f"kp{k}_{axis}" for k in range(4) for axis in "xy"), *(f"R{i}{j}" for i in range(3) for j in range(3)), "tx", "ty", "tz", "seconds",
+)  # fmt: skip
+GOOD = "ok"  # the status of a frame with a pose; any other says why there is none
+BATCH = 16
+
+
+@dataclass(frozen=True)
+class Pose:
+    """What was found in one frame, in full-frame pixels and metres: the undistorted frame's, but for the box, which is the one that was given.
+
+    score: the class's probability. spread_px: how far the layers' keypoints differ, the less the surer.
+    """
+
+    frame: int
+    box: np.ndarray
+    drone: str
+    score: float
+    spread_px: float
+    keypoints: np.ndarray
+    R: np.ndarray
+    t: np.ndarray
+    seconds: float
+
+
+def predict(
+    checkpoint: str | Path,
+    footage: str | Path,
+    camera: str | Path,
+    out: str | Path,
+    boxes: str | Path | None = None,
+    box: tuple[float, float, float, float] | None = None,
+    smooth: float = 0.0,
+    overlay: bool = True,
+    progress: bool = True,
+) -> list[Pose]:
+    """Poses of the drone in every frame that has a box; see the module for what is written to `out`.
+
+    Args:
+        checkpoint: folder of `save_pretrained`, or a run folder, of which best/ is taken.
+        footage: a video, a folder of images, one image. camera: see `footage.read_camera`. boxes: see `footage.read_boxes`.
+        box: (x, y, w, h) in the first frame, carried on by a tracker, where there are no `boxes`.
+        smooth: sigma of a Gaussian over the poses, seconds (of a folder of images: frames at 30 a second); 0 leaves them as they are.
+
+    Raises:
+        InputError: an input that cannot be read, or `out` was begun with other inputs. A broken frame is no error: it gets a row that says so.
+    """
+    source, calibration = open_footage(footage), read_camera(camera)
+    if (boxes is None) == (box is None):
+        raise InputError("give either --boxes FILE or --box x,y,w,h of the drone in the first frame")
+    checkpoint = Path(checkpoint)
+    folder = checkpoint / "best" if (checkpoint / "best" / WEIGHTS).is_file() else checkpoint
+    network = load_network(folder).to("cuda" if torch.cuda.is_available() else "cpu")
+    if not isinstance(network, DroneKeyPP):
+        raise InputError(f"{folder} holds a network of {network.method}; predict takes DroneKey++, which names the drone itself")
+    out = Path(out)
+    settings = {
+        "checkpoint": digest(folder / WEIGHTS), "footage": [str(source.path.resolve()), len(source.names)], "camera": digest(Path(camera)),
+        "boxes": boxes_digest(boxes) if boxes is not None else [float(v) for v in box],
+    }  # fmt: skip
+    done = begin(out, settings)
+    first = next((image for _, image in source.read() if image is not None), None)
+    if first is None:
+        raise InputError(f"{source.path}: not one frame can be read")
+    height, width = first.shape[:2]
+    calibration = calibration.for_frames(width, height)
+    given = read_boxes(boxes, source.names, width, height) if boxes is not None else None
+    with open(out / JOURNAL, "a", newline="", encoding="utf-8") as file:
+        journal = csv.writer(file, lineterminator="\n")
+        if not done:
+            journal.writerow(COLUMNS)
+        hidden = not (progress and sys.stderr.isatty())
+        start = len(done)
+        carried = None if given is not None else carry(box, done)
+        steps = tqdm(source.read(start), "predict", len(source.names), initial=start, disable=hidden, leave=False)
+        for rows in predicted(network, calibration, (width, height), steps, given, carried):
+            journal.writerows([number, source.names[number], *rest] for number, *rest in rows)
+            file.flush()
+    rows = read_journal(out / JOURNAL)
+    poses = [pose for pose in map(to_pose, rows) if pose]
+    if not poses:
+        raise InputError(f"no frame of {source.path} has a pose; {out / JOURNAL} says why: {rows[0]['status'] if rows else 'no frames'}")
+    if smooth > 0:
+        poses = smoothed(poses, smooth, source.rate or 30.0)
+    write_beside(out / POSES, bop_results(poses).encode())
+    write_beside(out / "trajectory.png", draw_trajectory(poses))
+    if overlay:
+        write_overlay(out, source, calibration, {pose.frame: pose for pose in poses})
+    skipped = [row for row in rows if row["status"] != GOOD]
+    if progress:
+        print(f"{out}: {len(poses)} poses of {len(rows)} frames" + (f"; {len(skipped)} without one, see {JOURNAL}" if skipped else ""))
+    return poses
+
+
+def digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+
+
+def boxes_digest(path: str | Path) -> str:
+    """Of a file, or of every .txt in a folder. Raises InputError if there is none."""
+    path = Path(path)
+    files = sorted(path.glob("*.txt")) if path.is_dir() else [path]
+    if not all(file.is_file() for file in files):
+        raise InputError(f"{path}: boxes not found")
+    return hashlib.sha256(b"".join(file.name.encode() + file.read_bytes() for file in files)).hexdigest()[:16]
+
+
+def begin(out: Path, settings: dict[str, Any]) -> list[dict[str, str]]:
+    """Make `out`, or take it up again: the journal's whole rows, anything half written cut off."""
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out} is a file, not a folder")
+    out.mkdir(parents=True, exist_ok=True)
+    if not (out / SETTINGS).is_file():
+        if any(out.iterdir()):
+            raise InputError(f"{out} is not empty and not a run of predict: choose another folder")
+        write_beside(out / SETTINGS, (json.dumps(settings, indent=1) + "\n").encode())
+        return []
+    old = json.loads((out / SETTINGS).read_text())
+    for name, value in settings.items():
+        if old.get(name) != value:
+            raise InputError(f"{out} was begun with another {name}; choose another folder, or remove it")
+    if not (out / JOURNAL).is_file():
+        return []
+    rows = read_journal(out / JOURNAL)
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    write_beside(out / JOURNAL, text.getvalue().encode())
+    return rows
+
+
+def read_journal(path: Path) -> list[dict[str, str]]:
+    """The rows of a journal as far as they are whole and in order."""
+    with open(path, newline="", encoding="utf-8") as file:
+        text = file.read()
+    rows = list(csv.DictReader(io.StringIO(text[: text.rfind("\n") + 1])))
+    whole = []
+    for number, row in enumerate(rows):
+        if None in row.values() or None in row or row["frame"] != str(number):
+            break
+        whole.append(row)
+    return whole
+
+
+def carry(box, done: list[dict[str, str]]) -> Tracker:
+    """A tracker from the first frame's box, or from the last one that an earlier run knew."""
+    last = next((row for row in reversed(done) if row["box_w"]), None)
+    return Tracker(np.array([float(last[f"box_{key}"]) for key in "xywh"]) if last else np.array(box, dtype=np.float64))
+
+
+def predicted(
+    network: DroneKeyPP,
+    calibration: Calibration,
+    size: tuple[int, int],
+    frames: Iterator,
+    given: dict[int, np.ndarray] | None,
+    carried: Tracker | None,
+) -> Iterator[list[tuple]]:
+    """Journal rows without their names, a list a batch, in the order of the frames."""
+    rows: list[tuple] = []
+    crops, waiting = [], []  # of frames with a box, and their place in rows
+    for number, image in frames:
+        status, box = GOOD, None
+        if image is None:
+            status = "cannot be read"
+        elif image.shape[:2] != size[::-1]:
+            status = f"is {image.shape[1]}x{image.shape[0]}, the first frame {size[0]}x{size[1]}"
+        else:
+            box = given.get(number) if given is not None else carried.follow(image)
+            status = GOOD if box is not None else "no box" if given is not None else "lost by the tracker"
+        if box is not None:
+            square = clamp_square(square_around(calibration.undistort_box(box)), *size)
+            crops.append((crop_image(calibration.undistort(image), square, network.config.image_size), square))
+            waiting.append(len(rows))
+        rows.append((number, status, *(("", "", "", "") if box is None else (f"{v:.2f}" for v in box)), *[""] * (len(COLUMNS) - 7)))
+        if len(rows) == BATCH:
+            yield fill(network, calibration, rows, crops, waiting)
+            rows, crops, waiting = [], [], []
+    if rows:
+        yield fill(network, calibration, rows, crops, waiting)
+
+
+def fill(network: DroneKeyPP, calibration: Calibration, rows: list[tuple], crops: list, waiting: list[int]) -> list[tuple]:
+    """The rows, those with a crop completed by what the network says."""
+    if not crops:
+        return rows
+    device, tic = next(network.parameters()).device, time.perf_counter()
+    images = torch.from_numpy(np.stack([crop for crop, _ in crops])).permute(0, 3, 1, 2).float().div(255).to(device)
+    squares = torch.tensor(np.stack([square for _, square in crops]), dtype=torch.float32, device=device)
+    K = torch.tensor(calibration.K, dtype=torch.float32, device=device).expand(len(crops), 3, 3)
+    with torch.inference_mode():
+        found = {name: value.cpu() for name, value in network(images, K, squares).items() if torch.is_tensor(value)}
+    seconds = (time.perf_counter() - tic) / len(crops)
+    for i, place in enumerate(waiting):
+        share, drone = found["class_probs"][i].max(dim=0)
+        spread = layer_spread(found, i) * crops[i][1][2]
+        numbers = [*found["keypoints_px"][i].flatten().tolist(), *found["R"][i].flatten().tolist(), *found["t"][i].tolist()]
+        status = GOOD if np.isfinite(numbers).all() else "the network's answer is not finite"
+        rest = [list(DRONES)[int(drone)], f"{share:.4f}", f"{spread:.3f}", *(f"{v:.6f}" for v in numbers), f"{seconds:.5f}"]
+        rows[place] = (rows[place][0], status, *rows[place][2:6], *rest)
+    return rows
+
+
+def layer_spread(found: dict[str, torch.Tensor], i: int) -> float:
+    """How far the layers' keypoints of Eq. 2 lie from their gated mean, root mean square with the gate's weights, crop units."""
+    apart = (found["cr"][i] - found["keypoints"][i]).square().sum(dim=-1).mean(dim=-1)  # (N,)
+    return float((found["gate"][i] * apart).sum().sqrt())
+
+
+def to_pose(row: dict[str, str]) -> Pose | None:
+    """A journal's row as numbers; None where the frame has no pose."""
+    if row["status"] != GOOD:
+        return None
+    return Pose(
+        frame=int(row["frame"]), box=np.array([float(row[f"box_{key}"]) for key in "xywh"]), drone=row["drone"], score=float(row["score"]),
+        spread_px=float(row["spread_px"]), keypoints=np.array([[float(row[f"kp{k}_{axis}"]) for axis in "xy"] for k in range(4)]),
+        R=np.array([[float(row[f"R{i}{j}"]) for j in range(3)] for i in range(3)]), t=np.array([float(row[f"t{axis}"]) for axis in "xyz"]),
+        seconds=float(row["seconds"]),
+    )  # fmt: skip
+
+
+def smoothed(poses: list[Pose], sigma: float, rate: float) -> list[Pose]:
+    """Smoothed by `sequences.gaussian`; frames whose layers disagree count less."""
+    spread = np.array([pose.spread_px for pose in poses])
+    weights = 1 / (1 + np.square(spread / max(np.median(spread), 1e-6)))
+    R, t = gaussian(np.stack([p.R for p in poses]), np.stack([p.t for p in poses]), np.array([p.frame / rate for p in poses]), sigma, weights)
+    return [Pose(**{**vars(pose), "R": R[i], "t": t[i]}) for i, pose in enumerate(poses)]
+
+
+def bop_results(poses: list[Pose]) -> str:
+    """The CSV that BOP's toolkit reads: R row by row, t in millimetres, time in seconds; scene 0, the footage's frame numbers."""
+    lines = ["scene_id,im_id,obj_id,score,R,t,time"]
+    for p in poses:
+        R, t = (" ".join(f"{v:.6f}" for v in values.ravel()) for values in (p.R, 1000 * p.t))
+        lines.append(f"0,{p.frame},{DRONES[p.drone].index + 1},{p.score:.4f},{R},{t},{p.seconds:.5f}")
+    return "\n".join(lines) + "\n"
+
+
+def draw_overlay(image: np.ndarray, pose: Pose, calibration: Calibration) -> np.ndarray:
+    """A copy of the undistorted frame (H, W, 3) with box, propellers, body axes and a line of text."""
+    image, thick = image.copy(), max(1, round(image.shape[1] / 960))
+
+    def colour(text: str) -> tuple[int, ...]:
+        return tuple(int(text[i : i + 2], 16) for i in (1, 3, 5))
+
+    def pixel(point: np.ndarray) -> tuple[int, int]:
+        return int(round(float(np.clip(point[0], -1e4, 1e4)) - 0.5)), int(round(float(np.clip(point[1], -1e4, 1e4)) - 0.5))
+
+    x, y, w, h = calibration.undistort_box(pose.box)
+    cv2.rectangle(image, pixel(np.array([x, y])), pixel(np.array([x + w, y + h])), (255, 255, 255), thick)
+    axes = 0.5 * DRONES[pose.drone].wheelbase * np.eye(3)
+    points = np.concatenate([np.zeros((1, 3)), axes]) @ pose.R.T + pose.t
+    if points[:, 2].min() > 0.05:
+        tips = project(points, calibration.K)
+        for tip, name in zip(tips[1:], plots.AXIS_COLOURS, strict=True):
+            cv2.arrowedLine(image, pixel(tips[0]), pixel(tip), colour(name), 2 * thick, cv2.LINE_AA, tipLength=0.2)
+    for point, name in zip(pose.keypoints, plots.KEYPOINT_COLOURS, strict=True):
+        cv2.circle(image, pixel(point), 3 * thick, colour(name), -1, cv2.LINE_AA)
+    text = f"{DRONES[pose.drone].label} {100 * pose.score:.0f} %, {np.linalg.norm(pose.t):.2f} m"
+    place = pixel(np.array([max(x, 4.0), y - 6 * thick if y > 24 * thick else y + h + 18 * thick]))
+    for shade, extra in (((0, 0, 0), 2 * thick), ((255, 255, 255), 0)):
+        cv2.putText(image, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.5 * thick, shade, thick + extra, cv2.LINE_AA)
+    return image
+
+
+def write_overlay(out: Path, source: Footage, calibration: Calibration, poses: dict[int, Pose]) -> None:
+    """overlay.mp4 (of one image overlay.png): every frame that can be read; written beside, then renamed."""
+    writer, beside = None, out / ".overlay.tmp.mp4"
+    try:
+        for number, image in source.read():
+            if image is None:
+                continue
+            image = calibration.undistort(image)
+            if number in poses:
+                image = draw_overlay(image, poses[number], calibration)
+            if len(source.names) == 1:
+                write_beside(out / "overlay.png", cv2.imencode(".png", image[..., ::-1])[1].tobytes())
+                return
+            if writer is None:
+                size = image.shape[1::-1]
+                writer = cv2.VideoWriter(str(beside), cv2.VideoWriter_fourcc(*"mp4v"), source.rate or 30.0, size)
+                if not writer.isOpened():
+                    raise InputError(f"{beside}: OpenCV cannot write an mp4 here; run again without the overlay")
+            if image.shape[1::-1] == size:
+                writer.write(np.ascontiguousarray(image[..., ::-1]))
+    finally:
+        if writer is not None:
+            writer.release()
+    beside.replace(out / "overlay.mp4")
+
+
+def draw_trajectory(poses: list[Pose]) -> bytes:
+    """The path in space, and distance over the frames, as PNG. Axes as people see them: x right, depth away, up."""
+    plots.style()
+    t, frames = np.stack([p.t for p in poses]), np.array([p.frame for p in poses])
+    figure = plt.figure(figsize=(10, 4))
+    ax = figure.add_subplot(1, 2, 1, projection="3d")
+    ax.plot(t[:, 0], t[:, 2], -t[:, 1], "o-", markersize=2, linewidth=1)
+    ax.plot(*np.array([t[0, 0], t[0, 2], -t[0, 1]])[:, None], "o", color="#009E73", label="first frame")
+    ax.set(xlabel="x, m", ylabel="depth z, m", zlabel="up, m")
+    ax.legend()
+    ax = figure.add_subplot(1, 2, 2)
+    ax.plot(frames, np.linalg.norm(t, axis=1), "o-", markersize=2, linewidth=1)
+    ax.set(xlabel="frame", ylabel="distance, m", ylim=(0, math.ceil(1.1 * np.linalg.norm(t, axis=1).max())))
+    content = io.BytesIO()
+    figure.savefig(content, format="png", dpi=100)
+    plt.close(figure)
+    return content.getvalue()

@@ -1,0 +1,263 @@
+"""Poses in one's own footage: the numbers are the network's, every file format says the same, and nothing broken stops it."""
+
+import csv
+import json
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from fakes import tiny
+
+from dronekeypp import predict as predict_module
+from dronekeypp.cli import main
+from dronekeypp.errors import InputError
+from dronekeypp.footage import Calibration, Tracker, open_footage, read_boxes, read_camera
+from dronekeypp.model import DroneKeyPP, ModelConfig
+from dronekeypp.predict import JOURNAL, POSES, predict, read_journal
+from dronekeypp.rotations import geodesic_degrees
+from dronekeypp.sixdronesyn.dataset import SixDroneSyn
+
+ROOT = Path(__file__).parents[1]
+CHECKPOINT = ROOT / "data_samples" / "checkpoint"
+
+
+@pytest.fixture(scope="module")
+def frames():
+    """Seven whole frames, one of every drone."""
+    return SixDroneSyn(ROOT / "data_samples" / "frames", "test", size=96, stride=1)
+
+
+@pytest.fixture(scope="module")
+def footage(tmp_path_factory, frames):
+    """(folder of seven images, camera file, boxes as CSV, indices into `frames`)."""
+    root = tmp_path_factory.mktemp("footage")
+    (root / "images").mkdir()
+    chosen = list(range(0, 21, 3))
+    rows = ["frame,x,y,w,h"]
+    for i, index in enumerate(chosen):
+        shutil.copy(frames.folders[index] / "rgb" / "000000.jpg", root / "images" / f"shot_{i}.jpg")
+        rows.append(f"shot_{i}.jpg,{','.join(str(v) for v in frames.frames[index].box)}")
+    (root / "boxes.csv").write_text("\n".join(rows) + "\n")
+    write_camera(root / "camera.json", frames.frames[0].K)
+    return root / "images", root / "camera.json", root / "boxes.csv", chosen
+
+
+def write_camera(path, K, **more):
+    """A calibration as OpenCV counts: pixel centres from 0."""
+    K = np.asarray(K) - [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
+    path.write_text(json.dumps({"camera_matrix": K.tolist(), "image_width": 1920, "image_height": 1080, **more}))
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    """A tiny network that was never trained."""
+    torch.manual_seed(0)
+    folder = tmp_path_factory.mktemp("small")
+    DroneKeyPP(ModelConfig(**tiny())).save_pretrained(folder)
+    return folder
+
+
+def test_the_poses_are_the_networks(footage, frames, tmp_path):
+    images, camera, boxes, chosen = footage
+    poses = predict(CHECKPOINT, images, camera, tmp_path / "out", boxes=boxes, progress=False)
+    assert [pose.frame for pose in poses] == list(range(7))
+    model = DroneKeyPP.from_pretrained(CHECKPOINT)
+    for pose, index in zip(poses, chosen, strict=True):
+        item = frames[index]
+        with torch.inference_mode():
+            found = model(item["image"][None], item["K"][None], item["square"][None])
+        assert geodesic_degrees(torch.tensor(pose.R), found["R"][0].double()) < 0.5  # the box is stored with two digits
+        np.testing.assert_allclose(pose.t, found["t"][0], atol=0.02)
+        np.testing.assert_allclose(pose.keypoints, found["keypoints_px"][0], atol=0.5)
+    errors = [np.linalg.norm(pose.t - frames[index]["t"].numpy()) for pose, index in zip(poses, chosen, strict=True)]
+    assert np.median(errors) < 0.5
+    lines = (tmp_path / "out" / POSES).read_text().splitlines()
+    assert lines[0] == "scene_id,im_id,obj_id,score,R,t,time" and len(lines) == 8
+    row = next(csv.DictReader(lines))
+    np.testing.assert_allclose(np.array(row["t"].split(), float) / 1000, poses[0].t, atol=1e-6)
+    np.testing.assert_allclose(np.array(row["R"].split(), float).reshape(3, 3), poses[0].R, atol=1e-6)
+    assert (tmp_path / "out" / "trajectory.png").stat().st_size > 5000
+    video = open_footage(tmp_path / "out" / "overlay.mp4")
+    assert len(video.names) == 7 and next(video.read())[1].shape == (1080, 1920, 3)
+
+
+def test_a_killed_run_goes_on(footage, small, tmp_path, monkeypatch):
+    images, camera, boxes, _ = footage
+    monkeypatch.setattr(predict_module, "BATCH", 2)
+    whole = predict(small, images, camera, tmp_path / "whole", boxes=boxes, overlay=False, progress=False)
+    calls = []
+    real = predict_module.fill
+
+    def dies(*arguments):
+        calls.append(1)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return real(*arguments)
+
+    monkeypatch.setattr(predict_module, "fill", dies)
+    with pytest.raises(KeyboardInterrupt):
+        predict(small, images, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=False)
+    journal = tmp_path / "out" / JOURNAL
+    assert len(read_journal(journal)) == 4
+    journal.write_text(journal.read_text() + "4,shot_4.jpg,ok,12.")  # half a row
+    seen = []
+    monkeypatch.setattr(predict_module, "fill", lambda *arguments: (seen.append(len(arguments[2])), real(*arguments))[1])
+    poses = predict(small, images, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=False)
+    assert sum(seen) == 3  # only what was missing
+    for a, b in zip(whole, poses, strict=True):
+        np.testing.assert_allclose(a.t, b.t, atol=1e-5)
+    with pytest.raises(InputError, match="was begun with another checkpoint"):
+        predict(CHECKPOINT, images, camera, tmp_path / "out", boxes=boxes, progress=False)
+
+
+def test_a_broken_frame_is_told_and_passed_over(footage, small, tmp_path):
+    images, camera, boxes, _ = footage
+    folder = shutil.copytree(images, tmp_path / "images")
+    (folder / "shot_2.jpg").write_bytes(b"no picture")
+    cv2.imwrite(str(folder / "shot_4.jpg"), np.zeros((100, 200, 3), np.uint8))
+    few = tmp_path / "few.csv"
+    few.write_text("\n".join(line for line in boxes.read_text().splitlines() if "shot_5" not in line) + "\n")
+    poses = predict(small, folder, camera, tmp_path / "out", boxes=few, smooth=0.05, progress=False)
+    assert [pose.frame for pose in poses] == [0, 1, 3, 6]
+    status = [row["status"] for row in read_journal(tmp_path / "out" / JOURNAL)]
+    assert status == ["ok", "ok", "cannot be read", "ok", "is 200x100, the first frame 1920x1080", "no box", "ok"]
+    assert len(open_footage(tmp_path / "out" / "overlay.mp4").names) == 5
+
+
+def test_a_video_and_a_box_in_its_first_frame(small, tmp_path):
+    path, rng = tmp_path / "video.avi", np.random.default_rng(0)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 25.0, (320, 240))
+    ground = rng.integers(60, 100, (240, 320, 3), dtype=np.uint8)
+    target = rng.integers(0, 255, (40, 60, 3), dtype=np.uint8)
+    for i in range(12):
+        image = ground.copy()
+        image[100:140, 80 + 4 * i : 140 + 4 * i] = target
+        writer.write(image)
+    writer.release()
+    source = open_footage(path)
+    assert source.rate == 25 and len(source.names) == 12
+    tracker, found = Tracker(np.array([80.0, 100, 60, 40])), []
+    for _, image in source.read():
+        found.append(tracker.follow(image))
+    assert abs(found[-1][0] - 124) < 15 and found[0].tolist() == [80, 100, 60, 40]
+    write_camera(tmp_path / "camera.json", [[300.0, 0, 160], [0, 300, 120], [0, 0, 1]], image_width=320, image_height=240)
+    poses = predict(small, path, tmp_path / "camera.json", tmp_path / "out", box=(80, 100, 60, 40), progress=False)
+    assert len(poses) == 12 and np.array_equal(poses[0].box, [80, 100, 60, 40])
+
+
+def test_one_image_from_the_command_line(footage, small, tmp_path, capsys):
+    images, camera, _, _ = footage
+    (tmp_path / "shot_0.txt").write_text("0 0.5 0.5 0.1 0.1\n")
+    command = ["predict", str(small), str(images / "shot_0.jpg"), "--camera", str(camera), "--out", str(tmp_path / "out")]
+    assert main([*command, "--boxes", str(tmp_path / "shot_0.txt")]) == 0
+    assert "1 poses of 1 frames" in capsys.readouterr().out
+    assert cv2.imread(str(tmp_path / "out" / "overlay.png")).shape == (1080, 1920, 3)
+    assert main(command) == 2 and "either --boxes FILE or --box" in capsys.readouterr().err
+    assert main([*command, "--box", "1,2,3"]) == 2 and "write x,y,w,h" in capsys.readouterr().err
+
+
+def test_every_format_of_boxes_says_the_same(tmp_path):
+    names = ("a.jpg", "b.jpg", "c.jpg")
+    (tmp_path / "boxes.csv").write_text("frame,x,y,w,h,score\na.jpg,10,20,30,40,0.5\na.jpg,1,2,3,4,0.4\n2,50,60,20,10,0.9\n")
+    (tmp_path / "mot.txt").write_text("1,7,10,20,30,40,0.9,-1,-1,-1\n3,7,50,60,20,10,0.9,-1,-1,-1\n")
+    (tmp_path / "yolo").mkdir()
+    (tmp_path / "yolo" / "a.txt").write_text("0 0.125 0.4 0.15 0.4 0.9\n0 0.5 0.5 0.1 0.1 0.2\n")
+    (tmp_path / "yolo" / "c.txt").write_text("0 0.3 0.65 0.1 0.1\n")
+    entries = [{"image_id": 5, "bbox": [10, 20, 30, 40]}, {"image_id": 9, "bbox": [50, 60, 20, 10]}]
+    coco = {"images": [{"id": 5, "file_name": "x/a.jpg"}, {"id": 9, "file_name": "c.jpg"}], "annotations": entries}
+    (tmp_path / "coco.json").write_text(json.dumps(coco))
+    by_number = [{**entry, "image_id": frame, "score": 0.7} for entry, frame in zip(entries, ("a", 2), strict=True)]
+    (tmp_path / "detections.json").write_text(json.dumps(by_number))
+    for name in ("boxes.csv", "mot.txt", "yolo", "coco.json", "detections.json"):
+        found = read_boxes(tmp_path / name, names, 200, 100)
+        assert sorted(found) == [0, 2], name
+        np.testing.assert_allclose(found[0], [10, 20, 30, 40], err_msg=name)
+        np.testing.assert_allclose(found[2], [50, 60, 20, 10], err_msg=name)
+
+
+@pytest.mark.parametrize(
+    "name, text, match",
+    [
+        ("b.csv", "frame,x,y\n0,1,2\n", "the header needs frame, x, y, w, h"), ("b.csv", "frame,x,y,w,h\nz.jpg,1,2,3,4\n", "line 2: not a frame"),
+        ("b.csv", "frame,x,y,w,h\n0,1,2,0,4\n", "line 2: a box needs .* above 0"),
+        ("b.csv", "frame,x,y,w,h\n0,300,2,5,4\n", "outside the 200×100 frame"),
+        ("b.csv", "frame,x,y,w,h\n0,nan,2,5,4\n", "finite"), ("b.csv", "frame,x,y,w,h\n9,1,2,5,4\n", "no box for any of the 3 frames"),
+        ("b.txt", "1,2,three\n", "line 1: not numbers"), ("b.txt", "1,2,3\n", "a MOT line is"), ("b.txt", "0 0.5 0.5\n", "a YOLO line is"),
+        ("b.json", "{", "not valid JSON"), ("b.json", "{}", "neither a COCO list"), ("b.json", '[{"bbox": [1, 2, 3, 4]}]', "entry 0: needs image_id"),
+    ],
+)  # fmt: skip
+def test_bad_boxes(name, text, match, tmp_path):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=match):
+        read_boxes(tmp_path / name, ("a.jpg", "b.jpg", "c.jpg"), 200, 100)
+
+
+def test_opencvs_own_calibration_files(tmp_path):
+    K = np.array([[1000.0, 0, 639.5], [0, 1001.0, 359.5], [0, 0, 1]])
+    for suffix in ("yml", "xml", "json"):
+        file = cv2.FileStorage(str(tmp_path / f"camera.{suffix}"), cv2.FILE_STORAGE_WRITE)
+        file.write("calibration_time", "today")
+        file.write("image_width", 1280)
+        file.write("image_height", 720)
+        file.write("camera_matrix", K)
+        file.write("distortion_coefficients", np.array([[-0.2, 0.05, 0.001, 0, 0]]))
+        file.release()
+        found = read_camera(tmp_path / f"camera.{suffix}")
+        np.testing.assert_allclose(found.K[:2, 2], [640, 360])  # our pixel centres lie at +0.5
+        np.testing.assert_allclose(found.opencv_K, K)
+        assert found.size == (1280, 720) and len(found.distortion) == 5
+    half = found.for_frames(640, 360)
+    np.testing.assert_allclose(half.K[:2], found.K[:2] / 2)
+    with pytest.raises(InputError, match="not the same shape"):
+        found.for_frames(640, 480)
+
+
+def test_a_distorted_frame_is_straightened():
+    K = np.array([[300.0, 0, 160], [0, 300, 120], [0, 0, 1]])
+    bent = Calibration(K, np.array([-0.3, 0.1, 0.0, 0.0]))
+    corners = np.array([[250.0, 60.0], [290.0, 90.0]])  # of a box in the distorted picture
+    box = bent.undistort_box(np.array([*corners[0], *(corners[1] - corners[0])]))
+    assert box[0] + box[2] > 290 and box[1] < 60  # barrel distortion drew it towards the middle
+    image = np.zeros((240, 320, 3), np.uint8)
+    image[60:90, 250:290] = 255
+    bright = np.argwhere(bent.undistort(image)[..., 0] > 127)
+    assert box[0] - 1 <= bright[:, 1].min() and bright[:, 1].max() <= box[0] + box[2] + 1
+    straight = Calibration(K)
+    assert straight.undistort(image) is image
+
+
+@pytest.mark.parametrize(
+    "name, text, match",
+    [
+        ("c.json", "{", "not valid JSON"), ("c.json", "[]", "holds no settings"), ("c.json", "{}", "holds no camera_matrix"),
+        ("c.json", '{"K": [[1, 0], [0, 1]]}', "3×3 numbers"), ("c.yml", "hello", "not a calibration"),
+        ("c.json", '{"K": [[-5, 0, 1], [0, 5, 1], [0, 0, 1]]}', "focal lengths must be positive"),
+        ("c.json", '{"K": [[5, 0, 1], [0, 5, 1], [0, 0, 1]], "dist_coeffs": [1, 2]}', "distortion has 2 numbers"),
+    ],
+)  # fmt: skip
+def test_bad_cameras(name, text, match, tmp_path):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=match):
+        read_camera(tmp_path / name)
+
+
+def test_bad_footage(footage, small, tmp_path):
+    images, camera, boxes, _ = footage
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "text.md").write_text("hello")
+    (tmp_path / "broken.mp4").write_bytes(b"no video")
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "mine.txt").write_text("keep me")
+    bad = {"empty": "no image in this folder", "text.md": "neither an image", "broken.mp4": "cannot be opened", "no.mp4": "not found"}
+    for path, match in bad.items():
+        with pytest.raises(InputError, match=match):
+            open_footage(tmp_path / path)
+    with pytest.raises(InputError, match="not empty and not a run of predict"):
+        predict(small, images, camera, tmp_path / "full", boxes=boxes, progress=False)
+    with pytest.raises(InputError, match="boxes not found"):
+        predict(small, images, camera, tmp_path / "out", boxes=tmp_path / "no.csv", progress=False)
+    with pytest.raises(InputError, match="camera file not found"):
+        predict(small, images, tmp_path / "no.json", tmp_path / "out", boxes=boxes, progress=False)
