@@ -91,6 +91,19 @@ def _predict(args):
     predict(args.checkpoint, args.footage, args.camera, args.out, args.boxes, args.box, args.smooth, not args.no_overlay)
 
 
+def _export(args):
+    from .export import OnnxNetwork, export, largest_differences, load_checkpoint
+    from .sixdronesyn.dataset import SixDroneSyn
+
+    out = export(args.checkpoint, args.out)
+    print(f"{out}: {out.stat().st_size / 1e6:.1f} MB")
+    if args.check:
+        network, _ = load_checkpoint(args.checkpoint)
+        dataset = SixDroneSyn(args.check, "test", size=network.config.image_size)
+        found = largest_differences(network, OnnxNetwork(out), dataset)
+        print(f"largest differences to PyTorch over {len(dataset)} test frames: " + ", ".join(f"{k} {v:.1e}" for k, v in found.items()))
+
+
 class _Parser(argparse.ArgumentParser):
     """Says what is wrong in one line, like everything else here."""
 
@@ -155,6 +168,12 @@ def parser():
     p.add_argument("--smooth", type=float, default=0.0, metavar="SECONDS", help="sigma of a Gaussian over the poses (default 0: none)")
     p.add_argument("--no-overlay", action="store_true", help="write no video")
     p.set_defaults(run=_predict)
+
+    p = verbs.add_parser("export", help="write DroneKey++ as one ONNX file (optional extra: onnx)")
+    p.add_argument("checkpoint", type=Path)
+    p.add_argument("out", type=Path, metavar="FILE.onnx")
+    p.add_argument("--check", type=Path, metavar="DATASET", help="compare with PyTorch on its test split")
+    p.set_defaults(run=_export)
 
     p = verbs.add_parser("reproduce", help="measure a table from nothing: render, train, evaluate, write; run it again to resume")
     p.add_argument("name", metavar="NAME", help="table3, table4, table5, table6, heads, rays, priors, or domains (with --photographs)")

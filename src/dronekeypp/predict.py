@@ -29,13 +29,12 @@ import torch
 from tqdm import tqdm
 
 from . import plots
-from .baselines import load_network
 from .camera import clamp_square, crop_image, project, square_around
 from .errors import InputError
+from .export import OnnxNetwork, load_checkpoint
 from .files import write_beside
 from .footage import Calibration, Footage, Tracker, open_footage, read_boxes, read_camera
 from .model import DroneKeyPP
-from .model.base import WEIGHTS
 from .sequences import gaussian
 from .sixdronesyn.drones import DRONES
 
@@ -80,7 +79,7 @@ def predict(
     """Poses of the drone in every frame that has a box; see the module for what is written to `out`.
 
     Args:
-        checkpoint: folder of `save_pretrained`, or a run folder, of which best/ is taken.
+        checkpoint: folder of `save_pretrained`, a run folder, of which best/ is taken, or an ONNX file of `export`.
         footage: a video, a folder of images, one image. camera: see `footage.read_camera`. boxes: see `footage.read_boxes`.
         box: (x, y, w, h) in the first frame, carried on by a tracker, where there are no `boxes`.
         smooth: sigma of a Gaussian over the poses, seconds (of a folder of images: frames at 30 a second); 0 leaves them as they are.
@@ -91,14 +90,12 @@ def predict(
     source, calibration = open_footage(footage), read_camera(camera)
     if (boxes is None) == (box is None):
         raise InputError("give either --boxes FILE or --box x,y,w,h of the drone in the first frame")
-    checkpoint = Path(checkpoint)
-    folder = checkpoint / "best" if (checkpoint / "best" / WEIGHTS).is_file() else checkpoint
-    network = load_network(folder).to("cuda" if torch.cuda.is_available() else "cpu")
-    if not isinstance(network, DroneKeyPP):
-        raise InputError(f"{folder} holds a network of {network.method}; predict takes DroneKey++, which names the drone itself")
+    network, weights = load_checkpoint(checkpoint)
+    if isinstance(network, DroneKeyPP):
+        network.to("cuda" if torch.cuda.is_available() else "cpu")
     out = Path(out)
     settings = {
-        "checkpoint": digest(folder / WEIGHTS), "footage": [str(source.path.resolve()), len(source.names)], "camera": digest(Path(camera)),
+        "checkpoint": digest(weights), "footage": [str(source.path.resolve()), len(source.names)], "camera": digest(Path(camera)),
         "boxes": boxes_digest(boxes) if boxes is not None else [float(v) for v in box],
     }  # fmt: skip
     done = begin(out, settings)
@@ -193,7 +190,7 @@ def carry(box, done: list[dict[str, str]]) -> Tracker:
 
 
 def predicted(
-    network: DroneKeyPP,
+    network: DroneKeyPP | OnnxNetwork,
     calibration: Calibration,
     size: tuple[int, int],
     frames: Iterator,
@@ -224,11 +221,11 @@ def predicted(
         yield fill(network, calibration, rows, crops, waiting)
 
 
-def fill(network: DroneKeyPP, calibration: Calibration, rows: list[tuple], crops: list, waiting: list[int]) -> list[tuple]:
+def fill(network: DroneKeyPP | OnnxNetwork, calibration: Calibration, rows: list[tuple], crops: list, waiting: list[int]) -> list[tuple]:
     """The rows, those with a crop completed by what the network says."""
     if not crops:
         return rows
-    device, tic = next(network.parameters()).device, time.perf_counter()
+    device, tic = next(network.parameters()).device if isinstance(network, DroneKeyPP) else "cpu", time.perf_counter()
     images = torch.from_numpy(np.stack([crop for crop, _ in crops])).permute(0, 3, 1, 2).float().div(255).to(device)
     squares = torch.tensor(np.stack([square for _, square in crops]), dtype=torch.float32, device=device)
     K = torch.tensor(calibration.K, dtype=torch.float32, device=device).expand(len(crops), 3, 3)

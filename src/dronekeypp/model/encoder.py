@@ -109,7 +109,7 @@ class KeypointEncoder(nn.Module):
 
     def gate(self, last_ir: Tensor) -> Tensor:
         """Weights of the layers (B, N), each row summing to 1, from the last layer's IR (B, d). Eq. 3."""
-        B, N = len(last_ir), self.config.layers
+        B, N = last_ir.shape[0], self.config.layers
         if self.to_gate is not None:
             return torch.softmax(self.to_gate(last_ir), dim=-1)
         gate = last_ir.new_zeros(B, N)
@@ -121,7 +121,7 @@ class KeypointEncoder(nn.Module):
 
     def forward(self, features: Tensor) -> dict[str, Tensor | list[Tensor]]:
         tokens = self.tokenise(features).flatten(2).transpose(1, 2) + self.positions  # (B, M, d) = X^(0)
-        start = torch.cat([self.cls.expand(len(tokens), -1, -1), tokens], dim=1)  # (B, 1+M, d)
+        start = torch.cat([self.cls.expand(tokens.shape[0], -1, -1), tokens], dim=1)  # (B, 1+M, d)
         x, image_tokens, attention = start, [], []
         for block in self.blocks:  # Eq. 1
             x, weights = block(x if self.config.layer_input == "previous" else start)

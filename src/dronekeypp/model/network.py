@@ -76,7 +76,7 @@ class DroneKeyPP(PoseNetwork):
         return {**encoded, **self.decoder(encoded["keypoints"], probs, K, square)}
 
     def _check(self, image, K, square, keypoints, label) -> None:
-        B, S = len(K), self.config.image_size
+        B, S = K.shape[0], self.config.image_size
         wanted = {"K": (K, (B, 3, 3)), "square": (square, (B, 3)), "image": (image, (B, 3, S, S)),
                   "keypoints": (keypoints, (B, 4, 2)), "label": (label, (B,))}  # fmt: skip
         for name, (value, shape) in wanted.items():
