@@ -104,6 +104,12 @@ def _export(args):
         print(f"largest differences to PyTorch over {len(dataset)} test frames: " + ", ".join(f"{k} {v:.1e}" for k, v in found.items()))
 
 
+def _bench(args):
+    from .bench import bench
+
+    bench(args.checkpoint, args.json, args.threads, args.rounds, args.seconds)
+
+
 class _Parser(argparse.ArgumentParser):
     """Says what is wrong in one line, like everything else here."""
 
@@ -174,6 +180,14 @@ def parser():
     p.add_argument("out", type=Path, metavar="FILE.onnx")
     p.add_argument("--check", type=Path, metavar="DATASET", help="compare with PyTorch on its test split")
     p.set_defaults(run=_export)
+
+    p = verbs.add_parser("bench", help="frames a second, beside YOLOv8n-pose + PnP and two larger networks, in turn")
+    p.add_argument("--checkpoint", type=Path, default=Path("data_samples/checkpoint"), help="default: data_samples/checkpoint")
+    p.add_argument("--json", type=Path, metavar="FILE", help="also write the rows there")
+    p.add_argument("--threads", type=int, metavar="N", help="default: one a core")
+    p.add_argument("--rounds", type=int, default=7, metavar="N")
+    p.add_argument("--seconds", type=float, default=1.0, metavar="S", help="of each contender in each round")
+    p.set_defaults(run=_bench)
 
     p = verbs.add_parser("reproduce", help="measure a table from nothing: render, train, evaluate, write; run it again to resume")
     p.add_argument("name", metavar="NAME", help="table3, table4, table5, table6, heads, rays, priors, or domains (with --photographs)")

@@ -110,6 +110,11 @@ class OnnxNetwork:
 
     method = DroneKeyPP.method
 
+    @staticmethod
+    def installed() -> bool:
+        """Whether the optional extra is there."""
+        return all(importlib.util.find_spec(package) is not None for package in ("onnx", "onnxscript", "onnxruntime"))
+
     def __init__(self, path: str | Path, threads: int = 0):
         need("onnxruntime")
         import onnxruntime

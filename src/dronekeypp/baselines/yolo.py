@@ -47,8 +47,8 @@ def _in_own_process(function: Callable, *arguments) -> Any:
         return pool.submit(function, *arguments).result()
 
 
-def _library(folder: Path):
-    """The library's YOLO class, its settings kept in `folder`, without a network call."""
+def library(folder: Path):
+    """The library's YOLO class, its settings kept in `folder`, without a network call. It changes the process: call it in one of its own."""
     folder.mkdir(parents=True, exist_ok=True)
     os.environ |= {"YOLO_OFFLINE": "true", "YOLO_VERBOSE": "false", "YOLO_CONFIG_DIR": str(folder)}
     from ultralytics import YOLO, settings
@@ -130,7 +130,7 @@ def epochs_done(out: Path) -> int:
 
 def _train(data: Path, out: Path, settings: dict[str, Any], device: str) -> None:
     """In a process of its own: train, or go on, and keep both checkpoints after every epoch."""
-    YOLO, kept = _library(out / "library"), out / "kept"
+    YOLO, kept = library(out / "library"), out / "kept"
     kept.mkdir(exist_ok=True)
     tic = time.monotonic()
 
@@ -179,7 +179,7 @@ def detect(weights: str | Path, images: Tensor, classes: int, device: str = "cpu
 
 def _detect(weights: Path, pictures: np.ndarray, device: str) -> list[tuple[list, int] | None]:
     """In a process of its own: (keypoints in pixels, class) of each picture (B, S, S, 3) uint8 BGR, or None."""
-    model = _library(weights.parents[1] / "library")(str(weights))
+    model = library(weights.parents[1] / "library")(str(weights))
     found = []
     for start in range(0, len(pictures), 64):
         part = list(pictures[start : start + 64])

@@ -1,0 +1,288 @@
+"""`python -m dronekeypp bench`: how fast is it? Every contender waits in a process of its own and is asked in turn, round after round, so that a
+busy moment hits all of them; ratios are taken within a round.
+
+A frame is what the methods are given: a full HD picture and a box. *crop* cuts and resizes, *network* goes from the crop to keypoints and class,
+*pose* from there to R and t; *whole* is all of them, one after the other.
+"""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import platform
+import resource
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch.utils.flop_counter import FlopCounterMode
+from tqdm import tqdm
+
+from . import __version__
+from .baselines import DronePose, yolo
+from .baselines.pnp_pose import PnPPose
+from .camera import crop_image, from_crop, intrinsics, square_around
+from .errors import InputError
+from .export import OnnxNetwork, export, load_checkpoint
+from .files import write_beside
+from .model import DroneKeyPP
+from .presets import preset
+from .sixdronesyn.drones import DRONES
+
+WIDTH, HEIGHT = 1920, 1080
+YOLO_SIZE = 256  # px, of the detector's input
+YOLO, POSE34, PAPER_SIZED = yolo.METHOD, "DronePose, ResNet-34", "DroneKey++, paper-sized"
+EAGER, COMPILED, ONNX, LIBRARY = "eager", "compiled", "ONNX Runtime", "its library"
+
+
+@dataclass(frozen=True)
+class Contender:
+    """One way to run one method."""
+
+    name: str
+    engine: str
+    device: str
+    batch: int
+    threads: int
+    checkpoint: str  # of DroneKey++ (a folder, or the exported file); the others' weights are random, which changes no time
+
+
+def contenders(checkpoint: str, exported: str | None, threads: int) -> list[Contender]:
+    """Batch 1 and large on the CPU and, where there is one, the GPU; without an exported file and without the detector's extra, none of those."""
+    found = []
+    for device, large in (("cpu", 64), ("cuda", 512))[: 2 if torch.cuda.is_available() else 1]:
+        for batch in (1, large):
+            kinds = [("DroneKey++", EAGER, checkpoint), ("DroneKey++", COMPILED, checkpoint)]
+            kinds += [("DroneKey++", ONNX, exported)] if exported and device == "cpu" else []
+            kinds += [(PAPER_SIZED, EAGER, ""), (POSE34, EAGER, "")]
+            kinds += [(YOLO, LIBRARY, "")] if yolo.installed() else []
+            found += [Contender(name, engine, device, batch, threads, source) for name, engine, source in kinds]
+    return found
+
+
+# --- in a contender's process ----------------------------------------------------------------------------------------------------------
+
+_here: dict[str, Any] = {}  # its stages and facts
+
+
+def _prepare(contender: Contender) -> dict[str, int]:
+    """Build the contender and run it once. Returns {"params", "flops"} (of one frame; a multiplication and an addition are two)."""
+    torch.set_num_threads(contender.threads)
+    make = _detector if contender.engine == LIBRARY else _dronepose if contender.name == POSE34 else _dronekeypp
+    facts, stages = make(contender)
+    _here.update(contender=contender, stages=stages, frames=pictures(contender.batch))
+    _run(0.0)
+    return facts
+
+
+def _run(seconds: float) -> dict[str, float]:
+    """Seconds a frame of each stage, and of the whole, over calls that take about `seconds`; and the process's peak memory, MB."""
+    contender, stages, frames = _here["contender"], _here["stages"], _here["frames"]
+    spent, calls, began = dict.fromkeys(stages, 0.0), 0, time.perf_counter()
+    with torch.inference_mode():
+        while calls == 0 or time.perf_counter() - began < seconds:
+            value = frames
+            for name, stage in stages.items():
+                tic = time.perf_counter()
+                value = stage(value)
+                if contender.device == "cuda":
+                    torch.cuda.synchronize()
+                spent[name] += time.perf_counter() - tic
+            calls += 1
+    found = {name: total / calls / contender.batch for name, total in spent.items()}
+    if contender.device == "cuda":
+        peak = torch.cuda.max_memory_allocated() / 1e6
+    else:
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e6 if sys.platform == "darwin" else 1e3)
+    return {**found, "whole": sum(found.values()), "peak_mb": peak}
+
+
+def pictures(batch: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """(frame (1080, 1920, 3) uint8, box (4,)) of made-up footage."""
+    rng = np.random.default_rng(0)
+    frame = rng.integers(0, 255, (HEIGHT, WIDTH, 3), dtype=np.uint8)
+    return [(frame, np.array([rng.uniform(0, 1600), rng.uniform(0, 900), 240.0, 120.0])) for _ in range(batch)]
+
+
+def cut(frames: Sequence[tuple[np.ndarray, np.ndarray]], size: int, device: str) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """image (B, 3, size, size), K (B, 3, 3), square (B, 3)."""
+    squares = np.stack([square_around(box) for _, box in frames])
+    images = np.stack([crop_image(frame, square, size) for (frame, _), square in zip(frames, squares, strict=True)])
+    K = torch.tensor(intrinsics(1500.0, WIDTH, HEIGHT), dtype=torch.float32).expand(len(frames), 3, 3).contiguous()
+    image = torch.from_numpy(images).to(device).permute(0, 3, 1, 2).float() / 255
+    return image, K.to(device), torch.tensor(squares, dtype=torch.float32, device=device)
+
+
+def _facts(network: torch.nn.Module, *inputs: torch.Tensor) -> dict[str, int]:
+    with torch.inference_mode(), FlopCounterMode(display=False) as counter:
+        network(*inputs)
+    return {"params": sum(p.numel() for p in network.parameters()), "flops": counter.get_total_flops()}
+
+
+def _dronekeypp(contender: Contender) -> tuple[dict[str, int], dict[str, Callable]]:
+    if contender.engine == ONNX:
+        session = OnnxNetwork(contender.checkpoint, contender.threads)
+        network = DroneKeyPP(session.config, load_backbone=False)  # to count in
+    elif contender.name == PAPER_SIZED:
+        network = DroneKeyPP(preset("paper", {"backbone_weights": None})[0])
+    else:
+        network, _ = load_checkpoint(contender.checkpoint)
+    device, size = contender.device, network.config.image_size
+    network = network.to(device).eval()
+    facts = _facts(network, *cut(pictures(1), size, device))
+    if contender.engine == ONNX:  # one graph: its two stages cannot be told apart
+        return facts, {"crop": lambda frames: cut(frames, size, "cpu"), "network and pose": lambda inputs: session(*inputs)}
+
+    def encode(image):
+        found = network.encoder(network.backbone(image))
+        return found["keypoints"], found["class_logits"].softmax(dim=-1)
+
+    def decode(keypoints, probs, K, square):
+        found = network.decoder(keypoints, probs, K, square)
+        return found["R"], found["t"]
+
+    if contender.engine == COMPILED:
+        encode, decode = torch.compile(encode), torch.compile(decode)
+    return facts, {
+        "crop": lambda frames: cut(frames, size, device),
+        "network": lambda inputs: (*encode(inputs[0]), *inputs[1:]),
+        "pose": lambda found: [part.cpu() for part in decode(*found)],
+    }
+
+
+def _dronepose(contender: Contender) -> tuple[dict[str, int], dict[str, Callable]]:
+    """ResNet-34 on a crop of 224 px."""
+    config, _ = preset("paper", {**DronePose.defaults, "backbone": "resnet34", "backbone_weights": None})
+    network, device = DronePose(config, load_backbone=False).to(contender.device).eval(), contender.device
+
+    def answer(inputs):
+        found = network(*inputs)
+        return [found[name].cpu() for name in ("R", "t")]
+
+    facts = _facts(network, *cut(pictures(1), config.image_size, device))
+    return facts, {"crop": lambda frames: cut(frames, config.image_size, device), "network and pose": answer}
+
+
+def _detector(contender: Contender) -> tuple[dict[str, int], dict[str, Callable]]:
+    """YOLOv8n-pose and PnP with the true size. Untrained the detector finds nothing, so PnP gets four points as a Mini 2 would show them."""
+    folder = Path(tempfile.mkdtemp(prefix="dronekeypp-bench-"))
+    library = yolo.library(folder)
+    shape = {**library("yolov8n-pose.yaml").model.yaml, "kpt_shape": [4, 3], "nc": len(DRONES)}
+    (folder / "yolov8n-pose.yaml").write_text(json.dumps(shape))  # JSON is YAML
+    model = library(str(folder / "yolov8n-pose.yaml"))
+    torch.set_num_threads(contender.threads)  # the library chose its own
+    facts = _facts(model.model.eval(), torch.zeros(1, 3, YOLO_SIZE, YOLO_SIZE))
+    pnp, B = PnPPose(len(DRONES)), contender.batch
+    pnp.hubs.copy_(torch.tensor(np.stack([drone.hubs for drone in DRONES.values()])))
+    K, label = torch.tensor(intrinsics(1500.0, WIDTH, HEIGHT), dtype=torch.float32).expand(B, 3, 3), torch.full((B,), DRONES["Mini2"].index)
+    points = torch.tensor([[0.3, 0.4], [0.7, 0.4], [0.75, 0.6], [0.25, 0.6]]).expand(B, 4, 2)
+    squares = torch.tensor([700.0, 400.0, 250.0]).expand(B, 3)
+
+    def detect(images):
+        return model.predict(list(images), imgsz=YOLO_SIZE, conf=yolo.CONFIDENCE, max_det=1, verbose=False, device=contender.device)
+
+    return facts, {
+        "crop": lambda frames: [crop_image(frame, square_around(box), YOLO_SIZE)[..., ::-1] for frame, box in frames],
+        "network": detect,
+        "pose": lambda _: pnp(from_crop(points, squares), label, K),
+    }
+
+
+# --- the one who asks ------------------------------------------------------------------------------------------------------------------
+
+
+def bench(
+    checkpoint: str | Path,
+    json_file: str | Path | None = None,
+    threads: int | None = None,
+    rounds: int = 7,
+    seconds: float = 1.0,
+    chosen: Sequence[Contender] | None = None,
+    progress: bool = True,
+) -> dict[str, Any]:
+    """Measure, print the table, return (and write as JSON) {"hardware", "versions", "rows"}.
+
+    A row: name, engine, device, batch, threads, frames_per_s (median over the rounds), ratio_to_yolov8n_pose (median of the ratios within a
+    round; None without the detector), peak_mb (of its process; on a GPU of PyTorch's memory there), params, flops, stages (ms a frame).
+
+    Raises:
+        InputError: the checkpoint cannot be read, or the folder of `json_file` does not exist.
+    """
+    if json_file and not Path(json_file).resolve().parent.is_dir():  # before the work, not after it
+        raise InputError(f"{json_file}: its folder does not exist; make it first")
+    load_checkpoint(checkpoint)
+    threads = threads or os.cpu_count()
+    hidden, spawn = not (progress and sys.stderr.isatty()), multiprocessing.get_context("spawn")
+    with ExitStack() as stack:
+        if chosen is None:
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+            exported = str(export(checkpoint, folder / "net.onnx")) if OnnxNetwork.installed() else None
+            chosen = contenders(str(checkpoint), exported, threads)
+        pools = [stack.enter_context(ProcessPoolExecutor(1, mp_context=spawn)) for _ in chosen]
+        facts = [pool.submit(_prepare, c).result() for pool, c in zip(tqdm(pools, "prepare", leave=False, disable=hidden), chosen, strict=True)]
+        found: list[list[dict[str, float]]] = [[] for _ in chosen]
+        for _ in tqdm(range(rounds), "rounds", leave=False, disable=hidden):
+            for place, pool in enumerate(pools):
+                found[place].append(pool.submit(_run, seconds).result())
+    rows = [row_of(c, fact, mine, detector_of(c, chosen, found)) for c, fact, mine in zip(chosen, facts, found, strict=True)]
+    gpu = torch.cuda.get_device_name() if torch.cuda.is_available() else None
+    result = {
+        "name": "speed", "hardware": {"cpu": processor(), "cores": threads, "gpu": gpu}, "rounds": rounds, "seconds": seconds,
+        "versions": {"dronekeypp": __version__, "torch": torch.__version__, "python": platform.python_version()}, "rows": rows,
+    }  # fmt: skip
+    if progress:
+        print(table(rows))
+    if json_file:
+        write_beside(Path(json_file), (json.dumps(result, indent=1) + "\n").encode())
+    return result
+
+
+def processor() -> str:
+    """The CPU's name, as far as the system tells."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or platform.machine()
+
+
+def detector_of(contender: Contender, chosen: Sequence[Contender], found: Sequence[list[dict]]) -> list[dict] | None:
+    """The rounds of the detector on the same device with the same batch."""
+    same = [i for i, other in enumerate(chosen) if (other.name, other.device, other.batch) == (YOLO, contender.device, contender.batch)]
+    return found[same[0]] if same else None
+
+
+def row_of(contender: Contender, facts: dict[str, int], mine: list[dict[str, float]], theirs: list[dict[str, float]] | None) -> dict[str, Any]:
+    """A row of the result from the rounds of a contender and of the detector."""
+    whole = np.array([one["whole"] for one in mine])
+    ratios = np.array([one["whole"] for one in theirs]) / whole if theirs else None
+    stages = {name: round(1000 * float(np.median([one[name] for one in mine])), 4) for name in mine[0] if name not in ("whole", "peak_mb")}
+    described = {key: value for key, value in asdict(contender).items() if key != "checkpoint"}
+    return {
+        **described, "frames_per_s": round(float(1 / np.median(whole)), 2),
+        "ratio_to_yolov8n_pose": None if ratios is None else round(float(np.median(ratios)), 3),
+        "peak_mb": round(max(one["peak_mb"] for one in mine)), **facts, "stages": stages,
+    }  # fmt: skip
+
+
+def table(rows: Sequence[dict[str, Any]]) -> str:
+    """The rows as text."""
+    head = f"{'':26s} {'engine':13s} {'device':6s} {'batch':>5s} {'frames/s':>9s} {'× YOLO':>7s} {'MB':>6s}"
+    lines = [f"{head} {'params':>7s} {'GFLOP':>6s}  ms a frame"]
+    for row in rows:
+        ratio = "–" if row["ratio_to_yolov8n_pose"] is None else f"{row['ratio_to_yolov8n_pose']:.2f}"
+        stages = ", ".join(f"{name} {value:.2f}" for name, value in row["stages"].items())
+        lines.append(
+            f"{row['name']:26s} {row['engine']:13s} {row['device']:6s} {row['batch']:5d} {row['frames_per_s']:9.1f} {ratio:>7s} {row['peak_mb']:6d} "
+            f"{row['params'] / 1e6:6.1f}M {row['flops'] / 1e9:6.2f}  {stages}"
+        )
+    return "\n".join(lines)
