@@ -298,9 +298,11 @@ def draw_overlay(image: np.ndarray, pose: Pose, calibration: Calibration) -> np.
     for point, name in zip(pose.keypoints, plots.KEYPOINT_COLOURS, strict=True):
         cv2.circle(image, pixel(point), 3 * thick, colour(name), -1, cv2.LINE_AA)
     text = f"{DRONES[pose.drone].label} {100 * pose.score:.0f} %, {np.linalg.norm(pose.t):.2f} m"
-    place = pixel(np.array([max(x, 4.0), y - 6 * thick if y > 24 * thick else y + h + 18 * thick]))
-    for shade, extra in (((0, 0, 0), 2 * thick), ((255, 255, 255), 0)):
-        cv2.putText(image, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.5 * thick, shade, thick + extra, cv2.LINE_AA)
+    (wide, high), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.5 * thick, thick)
+    left = int(np.clip(x, 0, max(0, image.shape[1] - wide)))
+    base = int(y) - 2 * below if y > high + 3 * below else int(min(y + h, image.shape[0] - 2 * below)) + high + below
+    cv2.rectangle(image, (left, base - high - below // 2), (left + wide, base + below), (40, 40, 40), -1)
+    cv2.putText(image, text, (left, base), cv2.FONT_HERSHEY_SIMPLEX, 0.5 * thick, (255, 255, 255), thick, cv2.LINE_AA)
     return image
 
 
