@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from conftest import paint_environments
 from fakes import tiny
+from scipy.spatial.transform import Rotation
 
 from dronekeypp.errors import InputError
 from dronekeypp.presets import preset as find_preset
@@ -122,6 +123,19 @@ def test_the_checkpoint_it_leaves_measures_the_same(finished):
     frames = evaluate(model, SixDroneSyn(data, "test", size=model.config.image_size))
     stored = next(a for a in recorded["averages"] if a["method"] == "DroneKey++" and a["over"] == "frames")
     assert measure(frames)["R_mae_deg"] == pytest.approx(stored["R_mae_deg"], rel=0.02)
+
+
+def test_the_flights_it_leaves_are_the_predictions(finished):
+    root, data, recorded = finished
+    with np.load(root / "data_samples" / "results" / "flights.npz") as stored:
+        flights = dict(stored)
+    assert len(flights["test/t"]) == 42 and len(flights["val/t"]) == 105 and flights["test/t"].dtype == np.float16
+    true, found = (Rotation.from_rotvec(flights[f"test/{name}"].astype(float)) for name in ("true_rotvec", "rotvec"))
+    turned = (true.inv() * found).magnitude()
+    stored = next(a for a in recorded["averages"] if a["method"] == "DroneKey++" and a["over"] == "frames")
+    assert np.degrees(turned).mean() == pytest.approx(stored["R_mae_deg"], rel=0.01)
+    apart = np.linalg.norm(flights["test/t"].astype(float) - flights["test/true_t"], axis=1)
+    assert apart.mean() == pytest.approx(stored["t_mae_m"], rel=0.01)
 
 
 def test_domains(finished, tmp_path):

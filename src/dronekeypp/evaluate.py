@@ -21,6 +21,7 @@ from tqdm import tqdm
 from dronekeypp import rotations
 from dronekeypp.errors import InputError
 from dronekeypp.files import write_beside
+from dronekeypp.model.encoder import layer_spread
 
 # One column of a row of results: its key and what makes it from the frames of that row.
 MEASURES: dict[str, Callable[[dict[str, np.ndarray]], float]] = {
@@ -53,7 +54,8 @@ def frame_errors(output: dict, batch: dict) -> dict[str, np.ndarray]:
     resized crop · pck: share of the four within 5 % of the box's longer side · flip: the predicted nose points more than 90 degrees
     away from the true one · distance_ratio: predicted over true distance · direction_deg: angle between the predicted and the true way to the
     drone · heading_deg: angle between the true nose and the way to the camera (0: it looks at us, 180: away from us) ·
-    failed: no pose was found, and R and t are the method's constant answer · gate (B, N): Eq. 3, of a network that has it.
+    failed: no pose was found, and R and t are the method's constant answer · gate (B, N): Eq. 3, and layer_spread,
+    crop units: of a network that has them.
     """
     R, t, square = batch["R"], batch["t"], batch["square"]
     nothing = torch.full_like(t[:, 0], torch.nan)
@@ -87,8 +89,8 @@ def frame_errors(output: dict, batch: dict) -> dict[str, np.ndarray]:
         "t": output["t"] if has["t"] else nothing[:, None].expand(-1, 3),
         "keypoints": output["keypoints"] if has["keypoints"] else nothing[:, None, None].expand(-1, 4, 2),
     }
-    if output.get("gate") is not None:
-        errors["gate"] = output["gate"]
+    if output.get("cr") is not None:
+        errors |= {"gate": output["gate"], "layer_spread": layer_spread(output)}
     for name in ("scene", "frame", "subsequence"):
         errors[name] = batch[name]
     return {name: value.detach().cpu().numpy() for name, value in errors.items()}

@@ -35,6 +35,7 @@ from .export import OnnxNetwork, load_checkpoint
 from .files import write_beside
 from .footage import Calibration, Footage, Tracker, open_footage, read_boxes, read_camera
 from .model import DroneKeyPP
+from .model.encoder import layer_spread
 from .sequences import gaussian
 from .sixdronesyn.drones import DRONES
 
@@ -231,21 +232,14 @@ def fill(network: DroneKeyPP | OnnxNetwork, calibration: Calibration, rows: list
     K = torch.tensor(calibration.K, dtype=torch.float32, device=device).expand(len(crops), 3, 3)
     with torch.inference_mode():
         found = {name: value.cpu() for name, value in network(images, K, squares).items() if torch.is_tensor(value)}
-    seconds = (time.perf_counter() - tic) / len(crops)
+    seconds, spread = (time.perf_counter() - tic) / len(crops), layer_spread(found)
     for i, place in enumerate(waiting):
         share, drone = found["class_probs"][i].max(dim=0)
-        spread = layer_spread(found, i) * crops[i][1][2]
         numbers = [*found["keypoints_px"][i].flatten().tolist(), *found["R"][i].flatten().tolist(), *found["t"][i].tolist()]
         status = GOOD if np.isfinite(numbers).all() else "the network's answer is not finite"
-        rest = [list(DRONES)[int(drone)], f"{share:.4f}", f"{spread:.3f}", *(f"{v:.6f}" for v in numbers), f"{seconds:.5f}"]
+        rest = [list(DRONES)[int(drone)], f"{share:.4f}", f"{spread[i] * crops[i][1][2]:.3f}", *(f"{v:.6f}" for v in numbers), f"{seconds:.5f}"]
         rows[place] = (rows[place][0], status, *rows[place][2:6], *rest)
     return rows
-
-
-def layer_spread(found: dict[str, torch.Tensor], i: int) -> float:
-    """How far the layers' keypoints of Eq. 2 lie from their gated mean, root mean square with the gate's weights, crop units."""
-    apart = (found["cr"][i] - found["keypoints"][i]).square().sum(dim=-1).mean(dim=-1)  # (N,)
-    return float((found["gate"][i] * apart).sum().sqrt())
 
 
 def to_pose(row: dict[str, str]) -> Pose | None:

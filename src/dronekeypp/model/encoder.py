@@ -140,3 +140,12 @@ class KeypointEncoder(nn.Module):
         return {
             "keypoints": keypoints, "class_logits": logits, "gate": gate, "ir": ir, "cr": cr, "attention": attention,
         }  # fmt: skip
+
+
+def layer_spread(encoded: dict[str, Tensor]) -> Tensor:
+    """How far the layers' keypoints of Eq. 2 lie from their gated sum (B,): root mean square with the gate's weights, crop units.
+
+    `encoded` holds cr (B, N, 4, 2), gate (B, N) and keypoints (B, 4, 2). Layers that disagree are a sign of doubt.
+    """
+    apart = (encoded["cr"] - encoded["keypoints"][:, None]).square().sum(dim=-1).mean(dim=-1)  # (B, N)
+    return (encoded["gate"] * apart).sum(dim=-1).sqrt()

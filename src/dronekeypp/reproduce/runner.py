@@ -150,10 +150,12 @@ class Bench:
             write_beside(folder / HARDWARE, f"{hardware(self.settings(run, seed)[1])}\n".encode())
         return folder / BEST
 
-    def measure(self, run: Run, seed: int, name: str = "test", data: Path | None = None) -> dict[str | None, dict[str, np.ndarray]]:
-        """Errors of every test frame by variant: {variant: frames of `evaluate`}. Trains first.
+    def measure(
+        self, run: Run, seed: int, name: str = "test", data: Path | None = None, split: str = "test"
+    ) -> dict[str | None, dict[str, np.ndarray]]:
+        """Errors of every frame of a split by variant: {variant: frames of `evaluate`}. Trains first.
 
-        They are kept in the run's folder, and made again if the network or the data have changed since.
+        They are kept in the run's folder as NAME.npz, and made again if the network or the data have changed since.
         """
         best, folder, found = self.train(run, seed), self.folder(run, seed), {}
         made_from = source_digest(best / WEIGHTS, data or self.data)
@@ -164,7 +166,7 @@ class Bench:
                 model = network_class(run.method).from_pretrained(best).to(choose_device(self.settings(run, seed)[1]))
                 if hypothesis:
                     model.pnp.hypothesis = hypothesis
-                frames = evaluate(model, self.split("test", run, seed, data), progress=self._bar(f"{run.method} {name}"))
+                frames = evaluate(model, self.split(split, run, seed, data), progress=self._bar(f"{run.method} {name}"))
                 write_npz(path, frames, made_from)
             found[variant_name(run, hypothesis)] = frames
         return found

@@ -11,6 +11,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
+from scipy.spatial.transform import Rotation
 from sklearn.metrics import confusion_matrix
 from torch.utils.data import DataLoader
 
@@ -101,6 +102,7 @@ def measured(bench: Bench, run: Run, seed: int) -> dict[str, Any]:
         frames_of, story = bench.measure(run, seed), bench.story(run, seed)
     if run == RUNS[0] and seed == 0:
         keep_checkpoint(bench, run, seed)
+        keep_flights(bench, run, seed)
     found: dict[str, Any] = {"story": story, "rows": [], "averages": [], "confusion": [], "arrays": {}}
     for variant, frames in frames_of.items():
         labels = {"method": run.method, "variant": variant, "seed": seed}
@@ -133,6 +135,24 @@ def keep_checkpoint(bench: Bench, run: Run, seed: int) -> None:
     folder = bench.root / "data_samples" / "checkpoint"
     network_class(run.method).from_pretrained(bench.folder(run, seed) / BEST).save_pretrained(folder, half=True)
     write_beside(folder / METRICS, (bench.folder(run, seed) / METRICS).read_bytes())
+
+
+def keep_flights(bench: Bench, run: Run, seed: int) -> None:
+    """What that network says of every validation and test flight, and the truth, in data_samples/results/flights.npz, for smoothing.
+
+    SPLIT/NAME: subsequence, frame, label, predicted (F,) · rotvec, t and true_rotvec, true_t (F, 3) · layer_spread, keypoint_units (F,).
+    """
+    arrays: dict[str, np.ndarray] = {}
+    for split in ("val", "test"):
+        frames = bench.measure(run, seed, name=split, split=split)[run.variant]
+        truth = poses(bench.split(split, run, seed))
+        found = {name: frames[name] for name in ("subsequence", "frame", "label", "predicted", "t", "layer_spread", "keypoint_units")}
+        found |= {"true_t": truth["t"].numpy(), "rotvec": Rotation.from_matrix(frames["R"]).as_rotvec()}
+        found["true_rotvec"] = Rotation.from_matrix(truth["R"].numpy()).as_rotvec()
+        arrays |= {f"{split}/{name}": shrink(value) for name, value in found.items()}
+    path = bench.root / "data_samples" / "results" / "flights.npz"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_npz(path, arrays)
 
 
 def yolo_epochs(bench: Bench, run: Run, seed: int) -> int:
