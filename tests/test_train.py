@@ -201,6 +201,16 @@ def test_learning_rate_warms_up_and_falls_to_nothing():
     assert [train.learning_rate(settings(lr=1.0), step, 100) for step in (0, 50)] == pytest.approx([1, 0.5])
 
 
+def test_a_run_from_before_a_setting_existed_goes_on_with_its_default():
+    new = train.run_settings("DroneKey++", ModelConfig(), TrainConfig(), {})
+    old = json.loads(json.dumps(new))
+    del old["model"]["translation"], old["train"]["precision"]
+    train.check_settings(old, new, Path("run"))
+    new["model"]["translation"] = "site"
+    with pytest.raises(InputError, match="model.translation was 'metres' and is now 'site'"):
+        train.check_settings(old, new, Path("run"))
+
+
 def test_resume_refuses_another_configuration_or_other_data(tmp_path):
     start(tmp_path / "run", changes={"epochs": 1})
     with pytest.raises(InputError, match="cannot resume .*train.lr was 0.001 and is now 0.1"):

@@ -119,9 +119,15 @@ def run_settings(method: str, model: ModelConfig, config: TrainConfig, data: dic
 
 
 def check_settings(old: dict, new: dict, where: Path) -> None:
-    """Raise InputError, naming the setting, if a run made with the settings `old` cannot go on with `new`; FREE_KEYS may differ."""
+    """Raise InputError, naming the setting, if a run made with the settings `old` cannot go on with `new`; FREE_KEYS may differ.
+
+    A setting that did not exist when the run began stands for its default, which does what was done before there was a choice.
+    """
+    usual = {"model": ModelConfig().to_dict(), "train": TrainConfig().to_dict()}
     try:
-        pairs = [(f"{part}.{k}", old[part].get(k), new[part].get(k)) for part in new for k in old[part] | new[part]]
+        pairs = [
+            (f"{part}.{k}", old[part].get(k, usual.get(part, {}).get(k)), new[part].get(k)) for part in new for k in old[part] | new[part]
+        ]
     except (KeyError, AttributeError, TypeError) as error:
         raise InputError(f"{where} is broken ({error!r}); start again in another folder") from None
     for key, was, now in pairs:
