@@ -9,14 +9,15 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from fakes import tiny
+from fakes import FakeDrones, tiny
 
 from dronekeypp import predict as predict_module
+from dronekeypp.camera import from_crop, to_crop
 from dronekeypp.cli import main
 from dronekeypp.errors import InputError
 from dronekeypp.footage import Calibration, Tracker, open_footage, read_boxes, read_camera
 from dronekeypp.model import DroneKeyPP, ModelConfig
-from dronekeypp.predict import JOURNAL, POSES, predict, read_journal
+from dronekeypp.predict import JOURNAL, POSES, mirror_doubt, predict, read_journal
 from dronekeypp.rotations import geodesic_degrees
 from dronekeypp.sixdronesyn.dataset import SixDroneSyn
 
@@ -82,6 +83,22 @@ def test_the_poses_are_the_networks(footage, frames, tmp_path):
     assert (tmp_path / "out" / "trajectory.png").stat().st_size > 5000
     video = open_footage(tmp_path / "out" / "overlay.mp4")
     assert len(video.names) == 7 and next(video.read())[1].shape == (1080, 1920, 3)
+
+
+def test_doubt_is_what_a_mirror_changes():
+    data = FakeDrones(6)
+    items = next(iter(torch.utils.data.DataLoader(data, 6)))
+
+    def sees(image, K, square):
+        """The truth, whichever way round the picture is: left of the principal point becomes right, and the hubs swap names."""
+        flipped = not torch.equal(image, items["image"])
+        pixels = from_crop(items["keypoints"], items["square"])
+        if flipped:
+            pixels = torch.stack([2 * K[:, None, 0, 2] - pixels[..., 0], pixels[..., 1]], dim=-1)[:, [1, 0, 3, 2]]
+        return {"keypoints": to_crop(pixels, square) + (torch.tensor([0.03, 0.04]) if flipped else 0)}
+
+    doubt = mirror_doubt(sees, items["image"], items["K"], items["square"], items["keypoints"])
+    torch.testing.assert_close(doubt, torch.full((6,), 0.05), atol=1e-5, rtol=0)
 
 
 def test_a_killed_run_goes_on(footage, small, tmp_path, monkeypatch):

@@ -17,7 +17,7 @@ import json
 import math
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -35,13 +35,12 @@ from .export import OnnxNetwork, load_checkpoint
 from .files import write_beside
 from .footage import Calibration, Footage, Tracker, open_footage, read_boxes, read_camera
 from .model import DroneKeyPP
-from .model.encoder import layer_spread
 from .sequences import gaussian
 from .sixdronesyn.drones import DRONES
 
 JOURNAL, POSES, SETTINGS = "frames.csv", "poses.csv", "settings.json"
 COLUMNS = (
-    "frame", "name", "status", "box_x", "box_y", "box_w", "box_h", "drone", "score", "spread_px",
+    "frame", "name", "status", "box_x", "box_y", "box_w", "box_h", "drone", "score", "doubt_px",
     *(f"kp{k}_{axis}" for k in range(4) for axis in "xy"), *(f"R{i}{j}" for i in range(3) for j in range(3)), "tx", "ty", "tz", "seconds",
 )  # fmt: skip
 GOOD = "ok"  # the status of a frame with a pose; any other says why there is none
@@ -52,14 +51,14 @@ BATCH = 16
 class Pose:
     """What was found in one frame, in full-frame pixels and metres: the undistorted frame's, but for the box, which is the one that was given.
 
-    score: the class's probability. spread_px: how far the layers' keypoints differ, the less the surer.
+    score: the class's probability. doubt_px: by how much the keypoints move when the crop is shown in a mirror (see `mirror_doubt`).
     """
 
     frame: int
     box: np.ndarray
     drone: str
     score: float
-    spread_px: float
+    doubt_px: float
     keypoints: np.ndarray
     R: np.ndarray
     t: np.ndarray
@@ -232,14 +231,26 @@ def fill(network: DroneKeyPP | OnnxNetwork, calibration: Calibration, rows: list
     K = torch.tensor(calibration.K, dtype=torch.float32, device=device).expand(len(crops), 3, 3)
     with torch.inference_mode():
         found = {name: value.cpu() for name, value in network(images, K, squares).items() if torch.is_tensor(value)}
-    seconds, spread = (time.perf_counter() - tic) / len(crops), layer_spread(found)
+        doubt = mirror_doubt(network, images, K, squares, found["keypoints"].to(device)).cpu()
+    seconds = (time.perf_counter() - tic) / len(crops)
     for i, place in enumerate(waiting):
         share, drone = found["class_probs"][i].max(dim=0)
         numbers = [*found["keypoints_px"][i].flatten().tolist(), *found["R"][i].flatten().tolist(), *found["t"][i].tolist()]
         status = GOOD if np.isfinite(numbers).all() else "the network's answer is not finite"
-        rest = [list(DRONES)[int(drone)], f"{share:.4f}", f"{spread[i] * crops[i][1][2]:.3f}", *(f"{v:.6f}" for v in numbers), f"{seconds:.5f}"]
+        rest = [list(DRONES)[int(drone)], f"{share:.4f}", f"{doubt[i] * crops[i][1][2]:.3f}", *(f"{v:.6f}" for v in numbers), f"{seconds:.5f}"]
         rows[place] = (rows[place][0], status, *rows[place][2:6], *rest)
     return rows
+
+
+def mirror_doubt(network: Callable, image: torch.Tensor, K: torch.Tensor, square: torch.Tensor, keypoints: torch.Tensor) -> torch.Tensor:
+    """Mean distance (B,), crop units, between the keypoints (B, 4, 2) and those of the same crop seen in a mirror, mirrored back.
+
+    A mirror swaps left and right hubs and changes nothing else, so a network that sees clearly answers the same: no truth is needed to ask.
+    """
+    x, y, side = square.unbind(1)
+    other = network(image.flip(3), K, torch.stack([2 * K[:, 0, 2] - x - side, y, side], dim=1))["keypoints"].to(keypoints)
+    back = torch.stack([1 - other[..., 0], other[..., 1]], dim=-1)[:, [1, 0, 3, 2]]  # FL, FR, RR, RL
+    return (back - keypoints).norm(dim=-1).mean(dim=-1)
 
 
 def to_pose(row: dict[str, str]) -> Pose | None:
@@ -248,16 +259,16 @@ def to_pose(row: dict[str, str]) -> Pose | None:
         return None
     return Pose(
         frame=int(row["frame"]), box=np.array([float(row[f"box_{key}"]) for key in "xywh"]), drone=row["drone"], score=float(row["score"]),
-        spread_px=float(row["spread_px"]), keypoints=np.array([[float(row[f"kp{k}_{axis}"]) for axis in "xy"] for k in range(4)]),
+        doubt_px=float(row["doubt_px"]), keypoints=np.array([[float(row[f"kp{k}_{axis}"]) for axis in "xy"] for k in range(4)]),
         R=np.array([[float(row[f"R{i}{j}"]) for j in range(3)] for i in range(3)]), t=np.array([float(row[f"t{axis}"]) for axis in "xyz"]),
         seconds=float(row["seconds"]),
     )  # fmt: skip
 
 
 def smoothed(poses: list[Pose], sigma: float, rate: float) -> list[Pose]:
-    """Smoothed by `sequences.gaussian`; frames whose layers disagree count less."""
-    spread = np.array([pose.spread_px for pose in poses])
-    weights = 1 / (1 + np.square(spread / max(np.median(spread), 1e-6)))
+    """Smoothed by `sequences.gaussian`; a frame counts the less the more doubt there is about its keypoints."""
+    doubt = np.array([pose.doubt_px for pose in poses])
+    weights = 1 / (1 + np.square(doubt / max(np.median(doubt), 1e-6)))
     R, t = gaussian(np.stack([p.R for p in poses]), np.stack([p.t for p in poses]), np.array([p.frame / rate for p in poses]), sigma, weights)
     return [Pose(**{**vars(pose), "R": R[i], "t": t[i]}) for i, pose in enumerate(poses)]
 

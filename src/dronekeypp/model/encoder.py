@@ -145,7 +145,7 @@ class KeypointEncoder(nn.Module):
 def layer_spread(encoded: dict[str, Tensor]) -> Tensor:
     """How far the layers' keypoints of Eq. 2 lie from their gated sum (B,): root mean square with the gate's weights, crop units.
 
-    `encoded` holds cr (B, N, 4, 2), gate (B, N) and keypoints (B, 4, 2). Layers that disagree are a sign of doubt.
+    `encoded` holds cr (B, N, 4, 2), gate (B, N) and keypoints (B, 4, 2). Is it a sign of doubt? Notebook 11 says no.
     """
     apart = (encoded["cr"] - encoded["keypoints"][:, None]).square().sum(dim=-1).mean(dim=-1)  # (B, N)
     return (encoded["gate"] * apart).sum(dim=-1).sqrt()

@@ -18,8 +18,10 @@ from torch.utils.data import DataLoader
 from dronekeypp.baselines import network_class, yolo
 from dronekeypp.baselines.pnp_pose import PnPPose
 from dronekeypp.camera import from_crop
-from dronekeypp.evaluate import drone_names, frame_errors, poses
+from dronekeypp.evaluate import drone_names, frame_errors, poses, to_device
 from dronekeypp.files import write_beside
+from dronekeypp.model.base import WEIGHTS
+from dronekeypp.predict import mirror_doubt
 from dronekeypp.reproduce.runner import (
     PAPER,
     Bench,
@@ -140,19 +142,30 @@ def keep_checkpoint(bench: Bench, run: Run, seed: int) -> None:
 def keep_flights(bench: Bench, run: Run, seed: int) -> None:
     """What that network says of every validation and test flight, and the truth, in data_samples/results/flights.npz, for smoothing.
 
-    SPLIT/NAME: subsequence, frame, label, predicted (F,) · rotvec, t and true_rotvec, true_t (F, 3) · layer_spread, keypoint_units (F,).
+    SPLIT/NAME: subsequence, frame, label, predicted (F,) · rotvec, t and true_rotvec, true_t (F, 3) · of the keypoints, all (F,) in crop units,
+    their error keypoint_units and two signs of doubt: layer_spread, see `encoder.layer_spread`, and mirror, see `predict.mirror_doubt`.
     """
-    arrays: dict[str, np.ndarray] = {}
-    for split in ("val", "test"):
-        frames = bench.measure(run, seed, name=split, split=split)[run.variant]
-        truth = poses(bench.split(split, run, seed))
-        found = {name: frames[name] for name in ("subsequence", "frame", "label", "predicted", "t", "layer_spread", "keypoint_units")}
-        found |= {"true_t": truth["t"].numpy(), "rotvec": Rotation.from_matrix(frames["R"]).as_rotvec()}
-        found["true_rotvec"] = Rotation.from_matrix(truth["R"].numpy()).as_rotvec()
-        arrays |= {f"{split}/{name}": shrink(value) for name, value in found.items()}
     path = bench.root / "data_samples" / "results" / "flights.npz"
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_npz(path, arrays)
+    made_from = source_digest(bench.train(run, seed) / WEIGHTS, bench.data)
+    if read_npz(path, made_from) is not None:
+        return
+    device = choose_device(bench.settings(run, seed)[1])
+    model = network_class(run.method).from_pretrained(bench.train(run, seed)).to(device)
+    arrays: dict[str, np.ndarray] = {}
+    for split in ("val", "test"):
+        frames, dataset = bench.measure(run, seed, name=split, split=split)[run.variant], bench.split(split, run, seed)
+        truth, doubts = poses(dataset), []
+        with torch.inference_mode():
+            for items in DataLoader(dataset, 64):
+                items = to_device(items, device)
+                inputs = [items[name] for name in ("image", "K", "square")]
+                doubts.append(mirror_doubt(model, *inputs, model(*inputs)["keypoints"]).cpu())
+        found = {name: frames[name] for name in ("subsequence", "frame", "label", "predicted", "t", "layer_spread", "keypoint_units")}
+        found |= {"true_t": truth["t"].numpy(), "rotvec": Rotation.from_matrix(frames["R"]).as_rotvec(), "mirror": torch.cat(doubts).numpy()}
+        found["true_rotvec"] = Rotation.from_matrix(truth["R"].numpy()).as_rotvec()
+        arrays |= {f"{split}/{name}": shrink(value) for name, value in found.items()}
+    write_npz(path, arrays, made_from)
 
 
 def yolo_epochs(bench: Bench, run: Run, seed: int) -> int:
