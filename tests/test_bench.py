@@ -8,7 +8,7 @@ from fakes import tiny
 
 from dronekeypp import bench as bench_module
 from dronekeypp.baselines import yolo
-from dronekeypp.bench import EAGER, LIBRARY, POSE34, YOLO, Contender, bench, contenders, detector_of, row_of, table
+from dronekeypp.bench import COMPILED, EAGER, LIBRARY, POSE34, YOLO, Contender, bench, contenders, detector_of, row_of, table
 from dronekeypp.cli import main
 from dronekeypp.errors import InputError
 from dronekeypp.model import DroneKeyPP, ModelConfig
@@ -35,6 +35,15 @@ def test_rows_of_two_contenders(checkpoint, tmp_path):
     assert theirs["flops"] == pytest.approx(2 * 3.66e9, rel=0.02)  # torchvision: 3.66 GMAC at 224 px
     assert ours["ratio_to_yolov8n_pose"] is None and ours["peak_mb"] > 50 and ours["frames_per_s"] > 0
     assert len(table(found["rows"]).splitlines()) == 3
+
+
+def test_without_a_compiler_the_others_are_measured(checkpoint, monkeypatch, capsys):
+    monkeypatch.setenv("CXX", "/no/such/compiler")
+    monkeypatch.setenv("TORCHINDUCTOR_FORCE_DISABLE_CACHES", "1")
+    chosen = [Contender("DroneKey++", engine, "cpu", 1, 1, str(checkpoint)) for engine in (EAGER, COMPILED)]
+    found = bench(checkpoint, rounds=1, seconds=0.0, chosen=chosen, progress=False)
+    assert [row["engine"] for row in found["rows"]] == [EAGER]
+    assert "DroneKey++, compiled, cpu is left out: torch.compile failed" in capsys.readouterr().out
 
 
 def test_a_ratio_is_taken_within_a_round():
@@ -64,4 +73,6 @@ def test_the_detector_takes_part():
 def test_bad_calls(checkpoint, tmp_path, capsys):
     with pytest.raises(InputError, match="its folder does not exist"):
         bench(checkpoint, tmp_path / "none" / "speed.json")
+    with pytest.raises(InputError, match="rounds=0, threads=2: at least 1"):
+        bench(checkpoint, rounds=0, threads=2)
     assert main(["bench", "--checkpoint", str(tmp_path)]) == 2 and "not found: a checkpoint is a folder" in capsys.readouterr().err

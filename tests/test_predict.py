@@ -130,6 +130,40 @@ def test_a_killed_run_goes_on(footage, small, tmp_path, monkeypatch):
         predict(CHECKPOINT, images, camera, tmp_path / "out", boxes=boxes, progress=False)
 
 
+def test_a_run_killed_before_its_first_row_goes_on(footage, small, tmp_path, monkeypatch):
+    images, camera, boxes, _ = footage
+    real = predict_module.fill
+    monkeypatch.setattr(predict_module, "fill", lambda *arguments: (_ for _ in ()).throw(KeyboardInterrupt))
+    with pytest.raises(KeyboardInterrupt):
+        predict(small, images, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=False)
+    monkeypatch.setattr(predict_module, "fill", real)
+    assert len(predict(small, images, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=False)) == 7
+
+
+def test_a_mended_input_is_taken(footage, small, tmp_path):
+    images, camera, boxes, _ = footage
+    mine = tmp_path / "boxes.csv"
+    mine.write_text(boxes.read_text().replace("shot_0", "shot_x"))
+    with pytest.raises(InputError, match="line 2: not a frame"):
+        predict(small, images, camera, tmp_path / "out", boxes=mine, overlay=False, progress=False)
+    mine.write_text(boxes.read_text())
+    assert len(predict(small, images, camera, tmp_path / "out", boxes=mine, overlay=False, progress=False)) == 7
+
+
+@pytest.mark.parametrize("box", [(5000, 5000, 10, 10), (10, 10, 0, 0), (10, 10, -5, 5), (float("nan"), 1, 2, 3), (1919.6, 10, 60, 60)])
+def test_a_bad_first_box(footage, small, tmp_path, box):
+    images, camera, _, _ = footage
+    with pytest.raises(InputError, match="box"):
+        predict(small, images, camera, tmp_path / "out", box=box, overlay=False, progress=False)
+
+
+def test_a_drone_that_straightening_cuts_off_has_no_pose(small, tmp_path):
+    cv2.imwrite(str(tmp_path / "shot.png"), np.zeros((240, 320, 3), np.uint8))
+    (tmp_path / "camera.json").write_text('{"cameraMatrix": [[300, 0, 160], [0, 300, 120], [0, 0, 1]], "distCoeffs": [-0.3, 0.1, 0, 0]}')
+    with pytest.raises(InputError, match="outside the undistorted frame"):
+        predict(small, tmp_path / "shot.png", tmp_path / "camera.json", tmp_path / "out", box=(300, 2, 18, 12), progress=False)
+
+
 def test_a_broken_frame_is_told_and_passed_over(footage, small, tmp_path):
     images, camera, boxes, _ = footage
     folder = shutil.copytree(images, tmp_path / "images")
@@ -176,9 +210,27 @@ def test_one_image_from_the_command_line(footage, small, tmp_path, capsys):
     assert main([*command, "--box", "1,2,3"]) == 2 and "write x,y,w,h" in capsys.readouterr().err
 
 
+def test_numbered_names(tmp_path):
+    for name in ("1.jpg", "2.jpg", "10.jpg"):
+        cv2.imwrite(str(tmp_path / name), np.zeros((8, 8, 3), np.uint8))
+    names = open_footage(tmp_path).names
+    assert names == ("1.jpg", "2.jpg", "10.jpg")  # as people count
+    (tmp_path / "numbers.csv").write_text("\ufeffframe,x,y,w,h\n0,1,1,2,2\n1,2,1,2,2\n2,3,1,2,2\n", encoding="utf-8")
+    (tmp_path / "names.csv").write_text("frame,x,y,w,h\n1,1,1,2,2\n2,2,1,2,2\n10,3,1,2,2\n")
+    for name in ("numbers.csv", "names.csv"):
+        assert [box[0] for box in read_boxes(tmp_path / name, names, 8, 8).values()] == [1, 2, 3], name
+
+
+def test_a_detectors_labels_of_a_video(tmp_path):
+    (tmp_path / "flight_1.txt").write_text("0 0.5 0.5 0.2 0.2 0.9 1\n0 0.1 0.1 0.2 0.2 0.3 9\n")  # class, box, confidence, track
+    (tmp_path / "flight_3.txt").write_text("0 0.5 0.5 0.2 0.2 0.1 0.2 0.9 0.3 0.4 0.1\n")  # class, box, keypoints
+    found = read_boxes(tmp_path, ("000000", "000001", "000002"), 100, 100)
+    assert sorted(found) == [0, 2] and found[0].tolist() == pytest.approx([40, 40, 20, 20])
+
+
 def test_every_format_of_boxes_says_the_same(tmp_path):
     names = ("a.jpg", "b.jpg", "c.jpg")
-    (tmp_path / "boxes.csv").write_text("frame,x,y,w,h,score\na.jpg,10,20,30,40,0.5\na.jpg,1,2,3,4,0.4\n2,50,60,20,10,0.9\n")
+    (tmp_path / "boxes.csv").write_text("frame,x,y,w,h,score\na.jpg,10,20,30,40,0.5\na.jpg,1,2,3,4,0.4\nc.jpg,50,60,20,10,0.9\n")
     (tmp_path / "mot.txt").write_text("1,7,10,20,30,40,0.9,-1,-1,-1\n3,7,50,60,20,10,0.9,-1,-1,-1\n")
     (tmp_path / "yolo").mkdir()
     (tmp_path / "yolo" / "a.txt").write_text("0 0.125 0.4 0.15 0.4 0.9\n0 0.5 0.5 0.1 0.1 0.2\n")
@@ -203,7 +255,9 @@ def test_every_format_of_boxes_says_the_same(tmp_path):
         ("b.csv", "frame,x,y,w,h\n0,300,2,5,4\n", "outside the 200×100 frame"),
         ("b.csv", "frame,x,y,w,h\n0,nan,2,5,4\n", "finite"), ("b.csv", "frame,x,y,w,h\n9,1,2,5,4\n", "no box for any of the 3 frames"),
         ("b.txt", "1,2,three\n", "line 1: not numbers"), ("b.txt", "1,2,3\n", "a MOT line is"), ("b.txt", "0 0.5 0.5\n", "a YOLO line is"),
-        ("b.json", "{", "not valid JSON"), ("b.json", "{}", "neither a COCO list"), ("b.json", '[{"bbox": [1, 2, 3, 4]}]', "entry 0: needs image_id"),
+        ("b.json", "{", "not valid JSON"), ("b.json", "{}", "neither a COCO list"),
+        ("b.txt", "nan,1,2,3,4,5\n", "line 1: not finite"), ("b.json", '{"images": [1]}', "an image without id"),
+        ("b.json", '{"images": null, "annotations": null}', "neither a COCO list"), ("b.json", '[{"bbox": [1, 2, 3, 4]}]', "entry 0: needs image_id"),
     ],
 )  # fmt: skip
 def test_bad_boxes(name, text, match, tmp_path):
@@ -228,6 +282,7 @@ def test_opencvs_own_calibration_files(tmp_path):
         assert found.size == (1280, 720) and len(found.distortion) == 5
     half = found.for_frames(640, 360)
     np.testing.assert_allclose(half.K[:2], found.K[:2] / 2)
+    np.testing.assert_allclose(found.for_frames(854, 480).K[0, 0], 1000 * 854 / 1280)  # 480p: a third of a pixel off
     with pytest.raises(InputError, match="not the same shape"):
         found.for_frames(640, 480)
 
@@ -251,6 +306,7 @@ def test_a_distorted_frame_is_straightened():
     [
         ("c.json", "{", "not valid JSON"), ("c.json", "[]", "holds no settings"), ("c.json", "{}", "holds no camera_matrix"),
         ("c.json", '{"K": [[1, 0], [0, 1]]}', "3×3 numbers"), ("c.yml", "hello", "not a calibration"),
+        ("c.json", '{"K": [[5, 0, 1], [0, 5, 1], [0, 0, 1]], "fisheye_model": 1}', "a fisheye camera"),
         ("c.json", '{"K": [[-5, 0, 1], [0, 5, 1], [0, 0, 1]]}', "focal lengths must be positive"),
         ("c.json", '{"K": [[5, 0, 1], [0, 5, 1], [0, 0, 1]], "dist_coeffs": [1, 2]}', "distortion has 2 numbers"),
     ],

@@ -237,6 +237,7 @@ def test_bad_calls_are_one_clear_error(finished, tmp_path):
         (dict(name="table9"), "reproduce table9: choose table3, table4"),
         (dict(name="table3", preset="huge"), "unknown preset 'huge'"),
         (dict(name="table3", seeds=0), "--seeds 0"),
+        (dict(name="rays", overrides={"rays": "raw"}), "--set rays: the rows of rays differ in it"),
         (dict(name="table3", overrides={"max_minutes": 1}), "kill it instead"),
         (dict(name="table3", root=root, data=data, stride=STRIDE, environments=tmp_path), "was rendered before environments, not before"),
         (dict(name="domains", root=root, data=data, stride=STRIDE), "needs --photographs DIR"),

@@ -51,6 +51,12 @@ def test_a_gaussian_by_hand():
     assert np.array_equal(same_R, R) and np.array_equal(same_t, t)
 
 
+def test_far_neighbours_count_for_nothing():
+    R, t, time = true_flight()
+    near = np.exp(-np.square(time[:, None] - time[None]) / (2 * 0.05**2))
+    np.testing.assert_allclose(gaussian(R, t, time, sigma=0.05)[1], near @ t / near.sum(axis=1, keepdims=True), atol=1e-6)
+
+
 def test_nothing_crosses_a_gap():
     R, t, time = true_flight()
     R, t = noisy(R, t)
@@ -121,8 +127,9 @@ def test_a_better_measurement_counts_more():
 @pytest.mark.parametrize(
     "change, match",
     [
-        (dict(t=np.zeros((3, 2))), "a flight needs R"), (dict(time=[0.0, 0.1, 0.1]), "times must rise"), (dict(weights=[1, -1, 1]), "below 0"),
-        (dict(t=np.full((3, 3), np.nan)), "must be finite"), (dict(weights=[0, 0, 0]), "frames 0 to 2 have no weight"),
+        (dict(t=np.zeros((3, 2))), "a flight needs R"), (dict(R=np.zeros((3, 3, 3))), "a flight's R: not orthonormal"),
+        (dict(time=[0.0, 0.1, 0.1]), "times must rise"), (dict(weights=[1, -1, 1]), "below 0"),
+        (dict(t=np.full((3, 3), np.nan)), "must be finite"), (dict(weights=[0, 0, 0]), "frame 0 and its neighbours have no weight"),
     ],
 )  # fmt: skip
 def test_bad_flights(change, match):

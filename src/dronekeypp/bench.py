@@ -74,13 +74,20 @@ def contenders(checkpoint: str, exported: str | None, threads: int) -> list[Cont
 _here: dict[str, Any] = {}  # its stages and facts
 
 
-def _prepare(contender: Contender) -> dict[str, int]:
-    """Build the contender and run it once. Returns {"params", "flops"} (of one frame; a multiplication and an addition are two)."""
+def _prepare(contender: Contender) -> dict[str, int] | str:
+    """Build the contender and run it once. Returns {"params", "flops"} (of one frame; a multiplication and an addition are two), or, in a
+    line, why it cannot take part: there is no C++ compiler to compile with.
+    """
     torch.set_num_threads(contender.threads)
     make = _detector if contender.engine == LIBRARY else _dronepose if contender.name == POSE34 else _dronekeypp
     facts, stages = make(contender)
     _here.update(contender=contender, stages=stages, frames=pictures(contender.batch))
-    _run(0.0)
+    try:
+        _run(0.0)
+    except Exception as error:
+        if contender.engine != COMPILED:
+            raise
+        return f"torch.compile failed ({type(error).__name__}: {(str(error).strip().splitlines() or [''])[0][:100]})"
     return facts
 
 
@@ -220,7 +227,9 @@ def bench(
     if json_file and not Path(json_file).resolve().parent.is_dir():  # before the work, not after it
         raise InputError(f"{json_file}: its folder does not exist; make it first")
     load_checkpoint(checkpoint)
-    threads = threads or os.cpu_count()
+    threads = os.cpu_count() if threads is None else threads
+    if rounds < 1 or threads < 1:
+        raise InputError(f"rounds={rounds}, threads={threads}: at least 1 of each")
     hidden, spawn = not (progress and sys.stderr.isatty()), multiprocessing.get_context("spawn")
     with ExitStack() as stack:
         if chosen is None:
@@ -229,6 +238,11 @@ def bench(
             chosen = contenders(str(checkpoint), exported, threads)
         pools = [stack.enter_context(ProcessPoolExecutor(1, mp_context=spawn)) for _ in chosen]
         facts = [pool.submit(_prepare, c).result() for pool, c in zip(tqdm(pools, "prepare", leave=False, disable=hidden), chosen, strict=True)]
+        for c, fact in zip(chosen, facts, strict=True):
+            if isinstance(fact, str):
+                print(f"{c.name}, {c.engine}, {c.device} is left out: {fact}")
+        taking_part = [isinstance(fact, dict) for fact in facts]
+        pools, chosen, facts = ([one for one, here in zip(each, taking_part, strict=True) if here] for each in (pools, chosen, facts))
         found: list[list[dict[str, float]]] = [[] for _ in chosen]
         for _ in tqdm(range(rounds), "rounds", leave=False, disable=hidden):
             for place, pool in enumerate(pools):

@@ -43,6 +43,7 @@ MEASURES: dict[str, Callable[[dict[str, np.ndarray]], float]] = {
 MARGIN = 1.2  # of the crops that are evaluated: their side over the longer side of the box (`camera.square_around`)
 PCK = 0.05  # of the box's longer side
 PARTS = {"R_deg": "R", "t_m": "t", "keypoint_units": "keypoints"}  # which part of the output an error needs
+FORMAT = 2  # of `frame_errors`: raised when an array is added or means something else, so that stored ones are made again
 INTERVALS = ("R_mae_deg", "R_medae_deg", "t_mae_m", "t_medae_m", "class_accuracy")
 
 

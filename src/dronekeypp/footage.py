@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,7 +68,8 @@ def open_footage(path: str | Path) -> Footage:
     """
     path = Path(path)
     if path.is_dir():
-        names = tuple(sorted(p.name for p in path.iterdir() if p.suffix.lower() in IMAGES and not p.name.startswith(".")))
+        names = (p.name for p in path.iterdir() if p.suffix.lower() in IMAGES and not p.name.startswith("."))
+        names = tuple(sorted(names, key=lambda name: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name)]))  # 2 before 10
         if not names:
             raise InputError(f"{path}: no image in this folder ({', '.join(IMAGES)})")
         return Footage(path, names, None)
@@ -90,6 +92,9 @@ def open_footage(path: str | Path) -> Footage:
 # --- the camera ------------------------------------------------------------------------------------------------------------------------
 
 
+DISTORTION = ("distortion_coefficients", "dist_coeffs", "dist_coeff", "distCoeffs", "D")
+
+
 @dataclass(frozen=True)
 class Calibration:
     """K (3, 3) of the whole frame, OpenCV's distortion coefficients (or none), and the frame's (width, height) where the file gives it."""
@@ -106,7 +111,7 @@ class Calibration:
         """
         if self.size is None or self.size == (width, height):
             return self
-        if self.size[0] * height != self.size[1] * width:
+        if abs(width * self.size[1] / self.size[0] - height) > 1:  # pixels
             raise InputError(f"the camera was calibrated at {self.size[0]}×{self.size[1]}, the frames are {width}×{height}: not the same shape")
         scale = np.diag([width / self.size[0], height / self.size[1], 1.0])
         return Calibration(scale @ self.K, self.distortion, (width, height))
@@ -136,11 +141,11 @@ class Calibration:
 def read_camera(path: str | Path) -> Calibration:
     """A calibration in OpenCV's own format (YAML, XML or JSON, as its calibration sample writes it) or plain JSON.
 
-    Read are `camera_matrix` (or K), `distortion_coefficients` (or dist_coeffs), `image_width` and `image_height`. OpenCV counts pixel centres
-    from 0, this package from 0.5: the principal point is moved by half a pixel.
+    Read are `camera_matrix` (or cameraMatrix, K), `distortion_coefficients` (or dist_coeffs, distCoeffs, D), `image_width` and `image_height`.
+    OpenCV counts pixel centres from 0, this package from 0.5: the principal point is moved by half a pixel.
 
     Raises:
-        InputError: not found, unreadable, no camera matrix, or one that is none.
+        InputError: not found, unreadable, no camera matrix, one that is none, or a fisheye's.
     """
     path = Path(path)
     if not path.is_file():
@@ -152,11 +157,14 @@ def read_camera(path: str | Path) -> Calibration:
         raise InputError(f"{path}: holds no camera_matrix; write OpenCV's calibration format, or JSON with {example}")
     try:
         K = np.array(matrix, dtype=np.float64).reshape(3, 3)
-        distortion = next((found[key] for key in ("distortion_coefficients", "dist_coeffs", "dist_coeff") if found.get(key) is not None), None)
+        fisheye = bool(found.get("fisheye_model"))
+        distortion = next((found[key] for key in DISTORTION if found.get(key) is not None), None)
         distortion = None if distortion is None else np.array(distortion, dtype=np.float64).ravel()
         size = (int(found["image_width"]), int(found["image_height"])) if found.get("image_width") and found.get("image_height") else None
     except (TypeError, ValueError) as error:
         raise InputError(f"{path}: camera_matrix needs 3×3 numbers, distortion a list of numbers ({error})") from None
+    if fisheye:
+        raise InputError(f"{path}: a fisheye camera; undistort the footage with OpenCV's fisheye module first, and give the matrix of the result")
     check_intrinsics(K, f"{path}: camera_matrix")
     if distortion is not None and (len(distortion) not in (4, 5, 8, 12, 14) or not np.isfinite(distortion).all()):
         raise InputError(f"{path}: distortion has {len(distortion)} numbers; OpenCV knows 4, 5, 8, 12 or 14, all finite")
@@ -195,8 +203,9 @@ def read_boxes(path: str | Path, names: tuple[str, ...], width: int, height: int
     """One box (x, y, w, h) in pixels a frame: {frame number: box}. Of several in a frame the most confident counts.
 
     The format follows from the file. COCO (.json: a list of detections, or a data set with images and annotations) · YOLO (a folder with one
-    .txt a frame: class cx cy w h [confidence], shares of the frame) · MOT (.txt: frame, id, x, y, w, h, confidence …, frames from 1) · CSV with
-    a header: frame (number from 0, or file name), x, y, w, h[, score]. `names` are the footage's.
+    .txt a frame, named like it, or NAME_1.txt, NAME_2.txt … for a video: class cx cy w h [confidence], shares of the frame) · MOT (.txt: frame,
+    id, x, y, w, h, confidence …, frames from 1) · CSV with a header: frame (all file names, or all numbers from 0), x, y, w, h[, score].
+    `names` are the footage's.
 
     Raises:
         InputError: not found, not one of these, or a line that is none (it is named).
@@ -204,7 +213,7 @@ def read_boxes(path: str | Path, names: tuple[str, ...], width: int, height: int
     path = Path(path)
     by_name = {name: i for i, name in enumerate(names)} | {Path(name).stem: i for i, name in enumerate(names)}
     if path.is_dir():
-        rows = [row for file in sorted(path.glob("*.txt")) if file.stem in by_name for row in _yolo(file, by_name[file.stem], width, height)]
+        rows = [row for file in sorted(path.glob("*.txt")) for row in _yolo(file, _frame_of(file.stem, names, by_name), width, height)]
     elif not path.is_file():
         raise InputError(f"{path}: boxes not found")
     elif path.suffix.lower() == ".json":
@@ -217,16 +226,33 @@ def read_boxes(path: str | Path, names: tuple[str, ...], width: int, height: int
         rows = _yolo(path, 0, width, height)
     best: dict[int, tuple[float, np.ndarray]] = {}
     for where, frame, box, score in rows:
-        box = np.array(box, dtype=np.float64)
-        if not np.isfinite(box).all() or box[2] <= 0 or box[3] <= 0:
-            raise InputError(f"{where}: a box needs finite numbers and a width and height above 0, got {box.tolist()}")
-        if box[0] >= width or box[1] >= height or box[0] + box[2] <= 0 or box[1] + box[3] <= 0:
-            raise InputError(f"{where}: the box {box.tolist()} lies outside the {width}×{height} frame")
+        box = check_box(box, width, height, where)
         if 0 <= frame < len(names) and score > best.get(frame, (-np.inf,))[0]:
             best[frame] = (score, box)
     if not best:
-        raise InputError(f"{path}: no box for any of the {len(names)} frames; do the names or numbers match?")
+        raise InputError(f"{path}: no box for any of the {len(names)} frames; the first is number 0 and is called {names[0]}")
     return {frame: box for frame, (_, box) in sorted(best.items())}
+
+
+def check_box(box, width: int, height: int, where: str) -> np.ndarray:
+    """The box (x, y, w, h) as numbers.
+
+    Raises:
+        InputError: not finite, no area, or wholly outside the frame; the message begins with `where`.
+    """
+    box = np.array(box, dtype=np.float64)
+    if box.shape != (4,) or not np.isfinite(box).all() or box[2] <= 0 or box[3] <= 0:
+        raise InputError(f"{where}: a box needs four finite numbers, width and height above 0, got {box.tolist()}")
+    if box[0] >= width or box[1] >= height or box[0] + box[2] <= 0 or box[1] + box[3] <= 0:
+        raise InputError(f"{where}: the box {box.tolist()} lies outside the {width}×{height} frame")
+    return box
+
+
+def _frame_of(stem: str, names: tuple[str, ...], by_name: dict[str, int]) -> int:
+    """Frame number of a YOLO label file; -1: none of the footage's. Detectors call a video's labels NAME_1, NAME_2 …"""
+    if stem not in by_name and names[0] == "000000" and (counted := re.search(r"_(\d+)$", stem)):
+        return int(counted[1]) - 1
+    return by_name.get(stem, -1)
 
 
 def _lines(path: Path, split: str | None) -> Iterator[tuple[str, list[float]]]:
@@ -243,28 +269,31 @@ def _yolo(path: Path, frame: int, width: int, height: int) -> Iterator[tuple]:
         if len(row) < 5:
             raise InputError(f"{where}: a YOLO line is class cx cy w h [confidence]")
         cx, cy, w, h = np.array(row[1:5]) * [width, height, width, height]
-        yield where, frame, (cx - w / 2, cy - h / 2, w, h), row[-1] if len(row) > 5 else 1.0
+        yield where, frame, (cx - w / 2, cy - h / 2, w, h), row[5] if len(row) in (6, 7) else 1.0  # a seventh: the track
 
 
 def _mot(path: Path) -> Iterator[tuple]:
     for where, row in _lines(path, ","):
         if len(row) < 6:
             raise InputError(f"{where}: a MOT line is frame, id, x, y, w, h[, confidence …]")
+        if not np.isfinite(row).all():
+            raise InputError(f"{where}: not finite")
         yield where, int(row[0]) - 1, row[2:6], row[6] if len(row) > 6 else 1.0
 
 
 def _csv(path: Path, by_name: dict[str, int]) -> Iterator[tuple]:
-    with open(path, newline="", encoding="utf-8", errors="replace") as file:
-        rows = csv.DictReader(file)
-        if not {"frame", "x", "y", "w", "h"} <= set(rows.fieldnames or ()):
-            raise InputError(f"{path}: the header needs frame, x, y, w, h[, score]; it has {', '.join(rows.fieldnames or ()) or 'nothing'}")
-        for number, row in enumerate(rows, 2):
-            where = f"{path} line {number}"
-            try:
-                frame = by_name[row["frame"]] if row["frame"] in by_name else int(row["frame"])
-                yield where, frame, [float(row[key]) for key in "xywh"], float(row.get("score") or 1.0)
-            except (TypeError, ValueError):
-                raise InputError(f"{where}: not a frame of the footage and four numbers: {row}") from None
+    with open(path, newline="", encoding="utf-8-sig", errors="replace") as file:  # Excel writes a mark in front
+        reader = csv.DictReader(file)
+        if not {"frame", "x", "y", "w", "h"} <= set(reader.fieldnames or ()):
+            raise InputError(f"{path}: the header needs frame, x, y, w, h[, score]; it has {', '.join(reader.fieldnames or ()) or 'nothing'}")
+        rows = list(reader)
+    named = all(row["frame"] in by_name for row in rows)  # "12" may be a name or a number, but not both in one file
+    for number, row in enumerate(rows, 2):
+        try:
+            frame = by_name[row["frame"]] if named else int(row["frame"])
+            yield f"{path} line {number}", frame, [float(row[key]) for key in "xywh"], float(row.get("score") or 1.0)
+        except (TypeError, ValueError):
+            raise InputError(f"{path} line {number}: not a frame of the footage and four numbers: {row}") from None
 
 
 def _coco(path: Path, by_name: dict[str, int]) -> Iterator[tuple]:
@@ -274,9 +303,11 @@ def _coco(path: Path, by_name: dict[str, int]) -> Iterator[tuple]:
         raise InputError(f"{path}: not valid JSON ({error})") from None
     images: dict = {}
     if isinstance(found, dict):
-        for image in found.get("images", []):
+        for image in found["images"] if isinstance(found.get("images"), list) else []:
+            if not isinstance(image, dict) or "id" not in image:
+                raise InputError(f"{path}: an image without id and file_name: {image!r}")
             name = str(image.get("file_name", ""))
-            images[image.get("id")] = by_name.get(Path(name).name, by_name.get(Path(name).stem))
+            images[image["id"]] = by_name.get(Path(name).name, by_name.get(Path(name).stem))
         found = found.get("annotations")
     if not isinstance(found, list):
         raise InputError(f"{path}: neither a COCO list of detections nor a COCO data set")
@@ -292,17 +323,28 @@ def _coco(path: Path, by_name: dict[str, int]) -> Iterator[tuple]:
 
 
 class Tracker:
-    """Carries a first-frame box through the footage: OpenCV's MIL tracker, which needs no model file."""
+    """Carries a first-frame box through the footage: OpenCV's MIL tracker, which needs no model file.
+
+    It follows what looks most alike, and does not notice when the drone is gone: look at the overlay.
+    """
 
     def __init__(self, box: np.ndarray):
         self.box, self.tracker = np.asarray(box, dtype=np.float64), None
 
     def follow(self, image: np.ndarray) -> np.ndarray | None:
-        """The box (x, y, w, h) in this frame, or None where the drone was lost. The first call takes the box as it was given."""
+        """The box (x, y, w, h) in this frame, or None where the tracker gives up. The first call takes the box as it was given.
+
+        Raises:
+            InputError: less than two pixels of the first box lie in the frame.
+        """
         picture = np.ascontiguousarray(image[..., ::-1])
         if self.tracker is None:
+            low = np.clip(np.round(self.box[:2]), 0, None).astype(int)
+            high = np.minimum(np.round(self.box[:2] + self.box[2:]), image.shape[1::-1]).astype(int)
+            if (high - low).min() < 2:
+                raise InputError(f"box {self.box.tolist()}: nothing of it to track in the {image.shape[1]}×{image.shape[0]} frame")
             self.tracker = cv2.TrackerMIL_create()
-            self.tracker.init(picture, tuple(int(round(v)) for v in self.box))
+            self.tracker.init(picture, (*low.tolist(), *(high - low).tolist()))
             return self.box
         good, box = self.tracker.update(picture)
         return np.array(box, dtype=np.float64) if good and min(box[2:]) > 0 else None

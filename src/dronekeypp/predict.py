@@ -33,7 +33,7 @@ from .camera import clamp_square, crop_image, project, square_around
 from .errors import InputError
 from .export import OnnxNetwork, load_checkpoint
 from .files import write_beside
-from .footage import Calibration, Footage, Tracker, open_footage, read_boxes, read_camera
+from .footage import Calibration, Footage, Tracker, check_box, open_footage, read_boxes, read_camera
 from .model import DroneKeyPP
 from .sequences import gaussian
 from .sixdronesyn.drones import DRONES
@@ -98,20 +98,20 @@ def predict(
         "checkpoint": digest(weights), "footage": [str(source.path.resolve()), len(source.names)], "camera": digest(Path(camera)),
         "boxes": boxes_digest(boxes) if boxes is not None else [float(v) for v in box],
     }  # fmt: skip
-    done = begin(out, settings)
     first = next((image for _, image in source.read() if image is not None), None)
     if first is None:
         raise InputError(f"{source.path}: not one frame can be read")
     height, width = first.shape[:2]
     calibration = calibration.for_frames(width, height)
     given = read_boxes(boxes, source.names, width, height) if boxes is not None else None
+    box = check_box(box, width, height, "--box") if box is not None else None
+    done = begin(out, settings)
     with open(out / JOURNAL, "a", newline="", encoding="utf-8") as file:
         journal = csv.writer(file, lineterminator="\n")
-        if not done:
+        if file.tell() == 0:
             journal.writerow(COLUMNS)
-        hidden = not (progress and sys.stderr.isatty())
-        start = len(done)
-        carried = None if given is not None else carry(box, done)
+        hidden, start = not (progress and sys.stderr.isatty()), len(done)
+        carried = None if given is not None else carry(source, box, done)
         steps = tqdm(source.read(start), "predict", len(source.names), initial=start, disable=hidden, leave=False)
         for rows in predicted(network, calibration, (width, height), steps, given, carried):
             journal.writerows([number, source.names[number], *rest] for number, *rest in rows)
@@ -156,12 +156,14 @@ def begin(out: Path, settings: dict[str, Any]) -> list[dict[str, str]]:
         write_beside(out / SETTINGS, (json.dumps(settings, indent=1) + "\n").encode())
         return []
     old = json.loads((out / SETTINGS).read_text())
+    rows = read_journal(out / JOURNAL) if (out / JOURNAL).is_file() else []
     for name, value in settings.items():
-        if old.get(name) != value:
+        if rows and old.get(name) != value:
             raise InputError(f"{out} was begun with another {name}; choose another folder, or remove it")
-    if not (out / JOURNAL).is_file():
+    if not rows:  # nothing is lost by a fresh start
+        write_beside(out / SETTINGS, (json.dumps(settings, indent=1) + "\n").encode())
+        (out / JOURNAL).unlink(missing_ok=True)
         return []
-    rows = read_journal(out / JOURNAL)
     text = io.StringIO()
     writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
     writer.writeheader()
@@ -183,10 +185,18 @@ def read_journal(path: Path) -> list[dict[str, str]]:
     return whole
 
 
-def carry(box, done: list[dict[str, str]]) -> Tracker:
-    """A tracker from the first frame's box, or from the last one that an earlier run knew."""
+def carry(source: Footage, box: np.ndarray, done: list[dict[str, str]]) -> Tracker:
+    """A tracker from the first frame's box; after a kill from the last box that is known, led through the frames since."""
     last = next((row for row in reversed(done) if row["box_w"]), None)
-    return Tracker(np.array([float(last[f"box_{key}"]) for key in "xywh"]) if last else np.array(box, dtype=np.float64))
+    if last is None:
+        return Tracker(box)
+    tracker = Tracker(np.array([float(last[f"box_{key}"]) for key in "xywh"]))
+    for number, image in source.read(int(last["frame"])):
+        if number == len(done):
+            break
+        if image is not None:
+            tracker.follow(image)
+    return tracker
 
 
 def predicted(
@@ -210,7 +220,11 @@ def predicted(
             box = given.get(number) if given is not None else carried.follow(image)
             status = GOOD if box is not None else "no box" if given is not None else "lost by the tracker"
         if box is not None:
-            square = clamp_square(square_around(calibration.undistort_box(box)), *size)
+            x, y, w, h = straight = calibration.undistort_box(box)
+            if not (0 <= x + w / 2 < size[0] and 0 <= y + h / 2 < size[1]):  # straightening cuts the corners off
+                status = "outside the undistorted frame"
+        if status == GOOD:
+            square = clamp_square(square_around(straight), *size)
             crops.append((crop_image(calibration.undistort(image), square, network.config.image_size), square))
             waiting.append(len(rows))
         rows.append((number, status, *(("", "", "", "") if box is None else (f"{v:.2f}" for v in box)), *[""] * (len(COLUMNS) - 7)))
@@ -231,8 +245,8 @@ def fill(network: DroneKeyPP | OnnxNetwork, calibration: Calibration, rows: list
     K = torch.tensor(calibration.K, dtype=torch.float32, device=device).expand(len(crops), 3, 3)
     with torch.inference_mode():
         found = {name: value.cpu() for name, value in network(images, K, squares).items() if torch.is_tensor(value)}
+        seconds = (time.perf_counter() - tic) / len(crops)
         doubt = mirror_doubt(network, images, K, squares, found["keypoints"].to(device)).cpu()
-    seconds = (time.perf_counter() - tic) / len(crops)
     for i, place in enumerate(waiting):
         share, drone = found["class_probs"][i].max(dim=0)
         numbers = [*found["keypoints_px"][i].flatten().tolist(), *found["R"][i].flatten().tolist(), *found["t"][i].tolist()]

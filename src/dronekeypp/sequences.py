@@ -13,13 +13,16 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from .errors import InputError
+from .rotations import check_rotation
+
+FAR = 6  # sigmas beyond which a neighbour counts for nothing
 
 
 def check_flight(R, t, time, weights=None):
     """(R, t, time, weights) as float64 arrays (F, 3, 3), (F, 3), (F,), (F,).
 
     Raises:
-        InputError: shapes that do not fit, a number that is not finite, times that do not rise, or a weight below 0.
+        InputError: shapes that do not fit, a number that is not finite, an R that is no rotation, times that do not rise, or a weight below 0.
     """
     R, t, time = (np.asarray(v, dtype=np.float64) for v in (R, t, time))
     F = len(time)
@@ -28,6 +31,7 @@ def check_flight(R, t, time, weights=None):
         raise InputError(f"a flight needs R (F, 3, 3), t (F, 3), time (F,); got {R.shape}, {t.shape}, {time.shape}, weights {weights.shape}")
     if not all(np.isfinite(v).all() for v in (R, t, time, weights)):
         raise InputError("a flight's poses, times and weights must be finite; leave lost frames out")
+    check_rotation(R, "a flight's R")
     if (np.diff(time) <= 0).any():
         raise InputError("a flight's times must rise from frame to frame")
     if (weights < 0).any():
@@ -57,15 +61,16 @@ def gaussian(R, t, time, sigma=0.1, weights=None, longest_gap=0.5):
         InputError: see `check_flight`; or a flight whose weights are all 0.
     """
     R, t, time, weights = check_flight(R, t, time, weights)
-    smooth_R, smooth_t = R.copy(), t.copy()
+    smooth_R, smooth_t, turns = R.copy(), t.copy(), Rotation.from_matrix(R)
     for part in flights(time, longest_gap) if sigma > 0 else []:
-        near = np.exp(-np.square(time[part, None] - time[None, part]) / (2 * sigma**2)) * weights[None, part]  # (f, f)
-        if (near.sum(axis=1) <= 0).any():
-            raise InputError(f"frames {part.start} to {part.stop - 1} have no weight: nothing to average")
-        turns = Rotation.from_matrix(R[part])
-        for i, row in enumerate(near):
-            smooth_R[part.start + i] = turns[row > 0].mean(row[row > 0]).as_matrix()
-        smooth_t[part] = near @ t[part] / near.sum(axis=1, keepdims=True)
+        low = np.maximum(np.searchsorted(time, time[part] - FAR * sigma), part.start)
+        high = np.minimum(np.searchsorted(time, time[part] + FAR * sigma, side="right"), part.stop)
+        for i, a, b in zip(range(part.start, part.stop), low, high, strict=True):
+            near = np.exp(-np.square(time[a:b] - time[i]) / (2 * sigma**2)) * weights[a:b]
+            if near.sum() <= 0:
+                raise InputError(f"frame {i} and its neighbours have no weight: nothing to average")
+            smooth_R[i] = turns[a:b][near > 0].mean(near[near > 0]).as_matrix()
+            smooth_t[i] = near @ t[a:b] / near.sum()
     return smooth_R, smooth_t
 
 
@@ -78,7 +83,8 @@ class LiveFilter:
     the drone can be (a heading read the wrong way round) is passed over; after `patience` of them in a row the filter believes them.
 
     Args:
-        acceleration: how hard the drone may accelerate, m/s² (standard deviation). turning: the same for its rate of turn, rad/s².
+        acceleration: how hard the drone accelerates at random: after a second its velocity may be off by so many m/s (standard deviation).
+        turning: the same for its rate of turn, rad/s.
         position_noise, rotation_noise: of one measurement, metres and radians; `update` takes better ones.
         gate: share of good measurements that pass. longest_gap: seconds after which it starts again. patience: frames.
     """

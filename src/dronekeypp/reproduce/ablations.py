@@ -15,6 +15,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
+from dronekeypp.errors import InputError
 from dronekeypp.evaluate import interval_of_mean
 from dronekeypp.files import write_beside
 from dronekeypp.model import DroneKeyPP
@@ -126,8 +127,15 @@ def run_of(row: Row, preset: str) -> Run:
 
 
 def reproduce(name: str, bench: Bench, seeds: int | None = None) -> dict[str, Any]:
-    """Train and measure whatever is missing of an ablation; write its table after every run that ends. Returns the recorded result."""
+    """Train and measure whatever is missing of an ablation; write its table after every run that ends. Returns the recorded result.
+
+    Raises:
+        InputError: the budget sets something in which the rows differ; then they would not be what they are called.
+    """
     ablation = ABLATIONS[name]
+    clash = sorted({key for row in ablation.rows for key in row.changes} & set(bench.budget))
+    if clash:
+        raise InputError(f"--set {clash[0]}: the rows of {name} differ in it; leave it out, or write an ablation of your own")
     bench.render()
     jobs = [(row, run_of(row, bench.preset), seed) for seed in range(seeds or ablation.seeds) for row in ablation.rows]
     known = [bench.finished(run, seed) for _, run, seed in jobs]

@@ -27,7 +27,7 @@ from tqdm import tqdm
 from dronekeypp import __version__
 from dronekeypp.baselines import NETWORKS, network_class
 from dronekeypp.errors import InputError
-from dronekeypp.evaluate import averages, evaluate, plain, summarise
+from dronekeypp.evaluate import FORMAT, averages, evaluate, plain, summarise
 from dronekeypp.files import write_beside
 from dronekeypp.model import ModelConfig
 from dronekeypp.model.base import WEIGHTS
@@ -200,8 +200,8 @@ def say(line: str, progress: bool) -> None:
 
 
 def source_digest(weights: Path, data: Path) -> str:
-    """What a measurement was made from: these weights, on these frames."""
-    return f"{hashlib.sha256(weights.read_bytes()).hexdigest()[:16]} on {read_json(data / 'manifest.json')['digest']}"
+    """What a measurement was made from: these weights, on these frames, by this version of `frame_errors`."""
+    return f"{hashlib.sha256(weights.read_bytes()).hexdigest()[:16]} on {read_json(data / 'manifest.json')['digest']}, measures {FORMAT}"
 
 
 def write_npz(path: Path, arrays: dict[str, Any], made_from: str | None = None) -> None:
@@ -228,7 +228,7 @@ def rows_and_averages(frames: dict[str, np.ndarray], **labels) -> tuple[list[dic
 
 
 def result(name: str, bench: Bench, stories: Sequence[dict], **parts) -> dict[str, Any]:
-    """A recorded result: what was run, on what, for how long, and its rows. See DESIGN's "Recorded results"."""
+    """A recorded result: what was run, on what, for how long, and its rows."""
     command = f"python -m dronekeypp {shlex.join(sys.argv[1:])}" if sys.argv[1:2] == ["reproduce"] else None
     return {
         "name": name,
