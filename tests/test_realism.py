@@ -1,0 +1,77 @@
+"""Distances between sets of pictures: zero for the same, growing with the difference, and no group on both sides of a test."""
+
+import numpy as np
+import pytest
+import torch
+
+from dronekeypp.errors import InputError
+from dronekeypp.model import Backbone, ModelConfig
+from dronekeypp.realism import backbone_features, classifier_auc, coverage, descriptor, frechet, interval, kernel_mmd
+
+
+def cloud(n=300, shift=0.0, scale=1.0, seed=0, D=6):
+    return np.random.default_rng(seed).normal(shift, scale, (n, D))
+
+
+def test_the_frechet_distance_of_known_normals():
+    a, b = cloud(20000), cloud(20000, shift=2.0, scale=3.0, seed=1)
+    assert frechet(a, b) == pytest.approx(6 * (2**2 + (3 - 1) ** 2), rel=0.03)  # by hand: per axis, shift² + (difference of deviations)²
+    assert abs(frechet(a, a)) < 1e-8 and frechet(a, b) == pytest.approx(frechet(b, a))
+    turned = b @ np.linalg.qr(cloud(6, seed=3)[:, :6])[0]
+    assert frechet(b - b.mean(0), turned - turned.mean(0)) == pytest.approx(0, abs=0.1)  # a round cloud looks the same from everywhere
+
+
+def test_mmd_is_about_zero_for_one_kind_and_grows():
+    same = [kernel_mmd(cloud(seed=2 * i), cloud(seed=2 * i + 1)) for i in range(20)]
+    assert abs(np.mean(same)) < 3 * np.std(same) / np.sqrt(20) + 1e-3
+    assert max(same) < kernel_mmd(cloud(), cloud(shift=0.5, seed=1)) < kernel_mmd(cloud(), cloud(shift=1.0, seed=1))
+
+
+def test_coverage():
+    assert coverage(cloud(), cloud(seed=1)) > 0.9
+    assert coverage(cloud(), cloud(shift=20.0, seed=1)) == 0
+    half = cloud()
+    half[:150] += 50
+    assert coverage(half, cloud(seed=1)) == pytest.approx(0.5, abs=0.1)  # made pictures miss half of the real ones
+
+
+def test_the_classifier_is_tested_on_groups_it_has_not_seen():
+    """Every group has a look of its own, the sets have none: who splits groups finds a difference that is not there."""
+    rng = np.random.default_rng(0)
+    looks = rng.normal(0, 5, (40, 60))
+    groups = np.repeat(np.arange(20), 15)
+    a, b = (looks[groups + k] + rng.normal(0, 0.1, (300, 60)) for k in (0, 20))
+    assert abs(classifier_auc(a, b, groups, groups) - 0.5) < 0.3
+    assert classifier_auc(a, b, np.arange(300), np.arange(300)) > 0.95  # frames as groups of their own: fooled
+    assert classifier_auc(a, b + 30, groups, groups) > 0.99
+    with pytest.raises(InputError, match="needs as many groups"):
+        classifier_auc(a, b, groups // 10, groups)
+
+
+def test_an_interval_draws_groups():
+    x, groups = np.repeat(cloud(10, D=1), 30, axis=0), np.repeat(np.arange(10), 30)
+    low, high = interval(lambda v: v.mean(), [x], [groups])
+    narrow = interval(lambda v: v.mean(), [x], [np.arange(300)])
+    assert low < x.mean() < high and high - low > 3 * (narrow[1] - narrow[0])  # ten groups, not 300 pictures
+
+
+def test_the_descriptor_sees_tone_sharpness_and_edges():
+    torch.manual_seed(0)
+    images = torch.rand(4, 3, 48, 48)
+    found = descriptor(images)
+    assert found.shape == (4, 3 * 8 + 16 + 16 * 8) and np.isfinite(found).all()
+    np.testing.assert_allclose(found[:, :24].reshape(4, 3, 8).sum(axis=2), 1, atol=1e-5)
+    dark = descriptor(images * 0.1)
+    assert (dark[:, [0, 8, 16]] > 0.99).all()  # all in the darkest tone
+    blurred = descriptor(torch.nn.functional.avg_pool2d(images, 5, 1, 2))
+    assert (blurred[:, 24 + 12 : 24 + 16] < found[:, 24 + 12 : 24 + 16] - 1).all()  # the highest frequencies are gone
+    stripes = torch.sin(torch.arange(48) / 2).expand(1, 3, 48, 48) / 2 + 0.5
+    across, along = (descriptor(s)[0, 40:].reshape(16, 8).mean(axis=0) for s in (stripes, stripes.transpose(2, 3)))
+    assert set(np.argsort(across)[-2:]) == {0, 4} and set(np.argsort(along)[-2:]) == {2, 6}
+    assert np.isfinite(descriptor(torch.zeros(1, 3, 48, 48))).all()
+
+
+def test_backbone_features_leave_the_backbone_as_it_was():
+    backbone = Backbone(ModelConfig(image_size=32), load=False).train()
+    found = backbone_features(backbone, torch.rand(5, 3, 32, 32), batch=2)
+    assert found.shape == (5, 256) and backbone.training
