@@ -6,6 +6,7 @@ import numpy as np
 import torch
 
 from dronekeypp import camera, rotations
+from dronekeypp.model import DroneKeyPP, ModelConfig
 
 CORNERS = torch.tensor([[1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0], [-1.0, 1.0, 0.0]])  # FL, FR, RR, RL
 COLOURS = torch.tensor([[1.0, 0.1, 0.1], [0.1, 1.0, 0.1], [0.2, 0.2, 1.0], [1.0, 1.0, 0.1]])
@@ -62,6 +63,13 @@ def tiny(**changes):
     """Settings of a network that trains in seconds."""
     settings = dict(image_size=32, backbone_stride=8, width=16, layers=2, heads=2, ffn=32, decoder_width=32, decoder_layers=2)
     return {**settings, **changes}
+
+
+def saved(folder, **changes):
+    """A tiny DroneKey++ that was never trained, as a checkpoint in `folder`; returns the folder."""
+    torch.manual_seed(0)
+    DroneKeyPP(ModelConfig(**tiny(**changes))).save_pretrained(folder)
+    return folder
 
 
 def degrees(a, b):

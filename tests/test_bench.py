@@ -3,23 +3,19 @@
 import json
 
 import pytest
-import torch
-from fakes import tiny
+from fakes import saved
 
 from dronekeypp import bench as bench_module
 from dronekeypp.baselines import yolo
 from dronekeypp.bench import COMPILED, EAGER, LIBRARY, POSE34, YOLO, Contender, bench, contenders, detector_of, row_of, table
 from dronekeypp.cli import main
 from dronekeypp.errors import InputError
-from dronekeypp.model import DroneKeyPP, ModelConfig
+from dronekeypp.model import DroneKeyPP
 
 
 @pytest.fixture(scope="module")
 def checkpoint(tmp_path_factory):
-    torch.manual_seed(0)
-    folder = tmp_path_factory.mktemp("bench")
-    DroneKeyPP(ModelConfig(**tiny())).save_pretrained(folder)
-    return folder
+    return saved(tmp_path_factory.mktemp("bench"))
 
 
 def test_rows_of_two_contenders(checkpoint, tmp_path):

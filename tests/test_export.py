@@ -2,21 +2,14 @@
 
 import numpy as np
 import pytest
-import torch
-from fakes import FakeDrones, tiny
+from fakes import FakeDrones, saved, tiny
 
 from dronekeypp import export as export_module
 from dronekeypp.baselines import DroneKey
 from dronekeypp.cli import main
 from dronekeypp.errors import InputError
 from dronekeypp.export import OUTPUTS, OnnxNetwork, export, largest_differences, load_checkpoint
-from dronekeypp.model import DroneKeyPP, ModelConfig
-
-
-def saved(folder, **changes):
-    torch.manual_seed(0)
-    DroneKeyPP(ModelConfig(**tiny(**changes))).save_pretrained(folder)
-    return folder
+from dronekeypp.model import ModelConfig
 
 
 @pytest.mark.parametrize("changes", [{}, {"rays": "split", "rotation": "allocentric", "translation": "site", "keypoint_head": "heatmap"}])

@@ -9,14 +9,14 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from fakes import FakeDrones, tiny
+from fakes import FakeDrones, saved
 
 from dronekeypp import predict as predict_module
 from dronekeypp.camera import from_crop, to_crop
 from dronekeypp.cli import main
 from dronekeypp.errors import InputError
 from dronekeypp.footage import Calibration, Tracker, open_footage, read_boxes, read_camera
-from dronekeypp.model import DroneKeyPP, ModelConfig
+from dronekeypp.model import DroneKeyPP
 from dronekeypp.predict import JOURNAL, POSES, mirror_doubt, predict, read_journal
 from dronekeypp.rotations import geodesic_degrees
 from dronekeypp.sixdronesyn.dataset import SixDroneSyn
@@ -55,10 +55,7 @@ def write_camera(path, K, **more):
 @pytest.fixture(scope="module")
 def small(tmp_path_factory):
     """A tiny network that was never trained."""
-    torch.manual_seed(0)
-    folder = tmp_path_factory.mktemp("small")
-    DroneKeyPP(ModelConfig(**tiny())).save_pretrained(folder)
-    return folder
+    return saved(tmp_path_factory.mktemp("small"))
 
 
 def test_the_poses_are_the_networks(footage, frames, tmp_path):

@@ -24,7 +24,7 @@ from .model import DroneKeyPP, ModelConfig
 from .model.base import WEIGHTS
 
 INPUTS = ("image", "K", "square")
-OUTPUTS = ("keypoints", "keypoints_px", "class_probs", "R", "t", "gate", "cr")
+OUTPUTS = ("keypoints", "keypoints_px", "class_probs", "R", "t")
 CONFIG_KEY = "dronekeypp"  # of the file's metadata: the network's settings as JSON
 
 

@@ -20,7 +20,7 @@ from dronekeypp.evaluate import interval_of_mean
 from dronekeypp.files import write_beside
 from dronekeypp.model import DroneKeyPP
 from dronekeypp.presets import preset as find_preset
-from dronekeypp.reproduce.runner import PAPER, Bench, Run, result, rows_and_averages, write_result
+from dronekeypp.reproduce.runner import PAPER, Bench, Run, complete, result, rows_and_averages, write_result
 from dronekeypp.reproduce.tables import (
     PRINTED,
     average,
@@ -137,20 +137,20 @@ def reproduce(name: str, bench: Bench, seeds: int | None = None) -> dict[str, An
     if clash:
         raise InputError(f"--set {clash[0]}: the rows of {name} differ in it; leave it out, or write an ablation of your own")
     bench.render()
-    jobs = [(row, run_of(row, bench.preset), seed) for seed in range(seeds or ablation.seeds) for row in ablation.rows]
-    known = [bench.finished(run, seed) for _, run, seed in jobs]
-    found: dict[int, dict[str, Any]] = {}  # by place in jobs
-    for i in sorted(range(len(jobs)), key=lambda i: not known[i]):  # what is there first, so that no table is written without it
-        row, run, seed = jobs[i]
-        frames = bench.measure(run, seed)[run.variant]
-        rows, means = rows_and_averages(frames, method=METHOD, variant=row.name, seed=seed)
-        story = {**bench.story(run, seed), "variant": row.name}
-        if "gate" in frames:
-            story["gate"] = [round(float(weight), 4) for weight in frames["gate"].mean(axis=0)]
-        found[i] = {"story": story, "rows": rows, "averages": means}
-        if not known[i]:
-            record(name, bench, [found[k] for k in sorted(found)])
-    return record(name, bench, [found[k] for k in sorted(found)])
+    jobs = [(bench, row, seed) for seed in range(seeds or ablation.seeds) for row in ablation.rows]
+    known = lambda bench, row, seed: bench.finished(run_of(row, bench.preset), seed)  # noqa: E731
+    return complete(jobs, known, measured, lambda parts: record(name, bench, parts))
+
+
+def measured(bench: Bench, row: Row, seed: int) -> dict[str, Any]:
+    """One row with one seed: {"story", "rows", "averages"}, trained first if need be."""
+    run = run_of(row, bench.preset)
+    frames = bench.measure(run, seed)[run.variant]
+    rows, means = rows_and_averages(frames, method=METHOD, variant=row.name, seed=seed)
+    story = {**bench.story(run, seed), "variant": row.name}
+    if "gate" in frames:
+        story["gate"] = [round(float(weight), 4) for weight in frames["gate"].mean(axis=0)]
+    return {"story": story, "rows": rows, "averages": means}
 
 
 def record(name: str, bench: Bench, parts: list[dict[str, Any]]) -> dict[str, Any]:

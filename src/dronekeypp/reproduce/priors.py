@@ -18,7 +18,7 @@ from dronekeypp import plots
 from dronekeypp.evaluate import drone_names, frame_errors, plain, poses
 from dronekeypp.files import write_beside
 from dronekeypp.model import DroneKeyPP
-from dronekeypp.reproduce.runner import Bench, Run, result, rows_and_averages, write_result
+from dronekeypp.reproduce.runner import Bench, Run, complete, result, rows_and_averages, write_result
 from dronekeypp.reproduce.tables import heading, number, over_seeds, percent, write_figure
 from dronekeypp.sixdronesyn.drones import DRONES
 from dronekeypp.train import choose_device
@@ -69,14 +69,8 @@ def embedding(model: DroneKeyPP) -> dict[str, Any]:
 def reproduce(bench: Bench, seeds: int = 1) -> dict[str, Any]:
     """Train and measure whatever is missing: the whole network, and one without each drone. Returns the recorded result."""
     bench.render()
-    jobs = [(run, seed) for seed in range(seeds) for run in (WHOLE, *WITHOUT.values())]
-    known = [bench.finished(run, seed) for run, seed in jobs]
-    found: dict[int, dict[str, Any]] = {}
-    for i in sorted(range(len(jobs)), key=lambda i: not known[i]):
-        found[i] = measured(bench, *jobs[i])
-        if not known[i]:
-            record(bench, [found[k] for k in sorted(found)])
-    return record(bench, [found[k] for k in sorted(found)])
+    jobs = [(bench, run, seed) for seed in range(seeds) for run in (WHOLE, *WITHOUT.values())]
+    return complete(jobs, Bench.finished, measured, lambda parts: record(bench, parts))
 
 
 def measured(bench: Bench, run: Run, seed: int) -> dict[str, Any]:

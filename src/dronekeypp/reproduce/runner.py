@@ -188,6 +188,21 @@ class Bench:
         }  # fmt: skip
 
 
+def complete(
+    jobs: Sequence[tuple], finished: Callable[..., bool], measured: Callable[..., Any], record: Callable[[list], dict[str, Any]]
+) -> dict[str, Any]:
+    """Measure every job and record them in their order, anew after each that was trained: a kill loses nothing. Returns the last record.
+
+    What an earlier call finished comes first, so that nothing is recorded without it.
+    """
+    known, found = [finished(*job) for job in jobs], {}
+    for i in sorted(range(len(jobs)), key=lambda i: not known[i]):
+        found[i] = measured(*jobs[i])
+        if not known[i]:
+            record([found[k] for k in sorted(found)])
+    return record([found[k] for k in sorted(found)])
+
+
 def variant_name(run: Run, hypothesis: str | None) -> str | None:
     """The variant's name in a table; a PnP that takes the upright pose is a variant of its own."""
     parts = [run.variant, "upright" if hypothesis == "upright" else None]

@@ -26,6 +26,7 @@ from dronekeypp.reproduce.runner import (
     PAPER,
     Bench,
     Run,
+    complete,
     describe,
     hardware,
     read_npz,
@@ -74,19 +75,11 @@ def reproduce(bench: Bench, seeds: int = 1) -> dict[str, Any]:
     YOLOv8n-pose is measured where the optional extra is installed.
     """
     bench.render()
-    jobs = [(run, seed) for seed in range(seeds) for run in RUNS]
-    found: dict[int, dict[str, Any]] = {}  # by place in jobs
-    # What was finished by an earlier call comes first, so that no table is written without it.
-    for i in sorted(range(len(jobs)), key=lambda i: not finished(bench, *jobs[i])):
-        run, seed = jobs[i]
-        known = finished(bench, run, seed)
-        if run.method == yolo.METHOD and not known and not yolo.installed():
-            say('YOLOv8n-pose is left out: its extra is not installed (pip install -e ".[yolo]", AGPL-3.0)', bench.progress)
-            continue
-        found[i] = measured(bench, run, seed)
-        if not known:
-            record(bench, [found[k] for k in sorted(found)])
-    return record(bench, [found[k] for k in sorted(found)])
+    jobs = [(bench, run, seed) for seed in range(seeds) for run in RUNS]
+    absent = [job for job in jobs if job[1].method == yolo.METHOD and not yolo.installed() and not finished(*job)]
+    if absent:
+        say('YOLOv8n-pose is left out: its extra is not installed (pip install -e ".[yolo]", AGPL-3.0)', bench.progress)
+    return complete([job for job in jobs if job not in absent], finished, measured, lambda parts: record(bench, parts))
 
 
 def finished(bench: Bench, run: Run, seed: int) -> bool:
