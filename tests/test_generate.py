@@ -10,12 +10,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import torch
 from conftest import SMALL
 
 from dronekeypp import camera
 from dronekeypp.errors import InputError
 from dronekeypp.sixdronesyn import bop, scenes
-from dronekeypp.sixdronesyn.dataset import SixDroneSyn, read_image
+from dronekeypp.sixdronesyn.dataset import SixDroneSyn, degrade, read_image
 from dronekeypp.sixdronesyn.drones import DRONES
 from dronekeypp.sixdronesyn.generate import Flight, generate
 from dronekeypp.sixdronesyn.validate import validate
@@ -328,6 +329,26 @@ def test_augmented_crops_keep_the_drone_inside(small_dataset):
         for i in range(len(data)):
             box = camera.to_crop(np.array([data.frames[i].box[:2], data.frames[i].box[:2] + data.frames[i].box[2:]]), data.square(i))
             assert box.min() > -0.01 and box.max() < 1.01
+
+
+def test_half_of_the_crops_are_degraded(small_dataset):
+    clean, data = (SixDroneSyn(small_dataset, "train", size=64, degrade=on) for on in (False, True))
+    changed = [not torch.equal(clean[i]["image"], data[i]["image"]) for i in range(len(data))]
+    assert 0.3 < np.mean(changed) < 0.7
+    one = changed.index(True)
+    assert torch.equal(clean[one]["keypoints"], data[one]["keypoints"])  # the picture changes, the truth does not
+    data.set_epoch(1)
+    assert [not torch.equal(clean[i]["image"], data[i]["image"]) for i in range(len(data))] != changed
+
+
+def test_degrading_takes_detail_and_keeps_the_scene(small_dataset):
+    image = SixDroneSyn(small_dataset, "test", size=64).stored_image(3)
+    for seed in range(20):
+        worse = degrade(image, np.random.default_rng(seed))
+        assert worse.shape == image.shape and worse.dtype == np.uint8 and not np.array_equal(worse, image)
+        assert np.abs(worse.mean(axis=(0, 1)) - image.mean(axis=(0, 1))).max() < 4  # no shift of colour
+        shrunk = (cv2.resize(v, (8, 8), interpolation=cv2.INTER_AREA).astype(float) for v in (image, worse))
+        assert np.corrcoef(*(v.ravel() for v in shrunk))[0, 1] > 0.95
 
 
 def test_a_training_crop_shows_what_the_stored_one_shows(small_dataset):

@@ -6,7 +6,7 @@ import torch
 
 from dronekeypp.errors import InputError
 from dronekeypp.model import Backbone, ModelConfig
-from dronekeypp.realism import backbone_features, classifier_auc, coverage, descriptor, frechet, interval, kernel_mmd
+from dronekeypp.realism import auc, backbone_features, covered, descriptor, frechet, held_out_scores, interval, kernel_mmd
 
 
 def cloud(n=300, shift=0.0, scale=1.0, seed=0, D=6):
@@ -28,11 +28,11 @@ def test_mmd_is_about_zero_for_one_kind_and_grows():
 
 
 def test_coverage():
-    assert coverage(cloud(), cloud(seed=1)) > 0.9
-    assert coverage(cloud(), cloud(shift=20.0, seed=1)) == 0
+    assert covered(cloud(), cloud(seed=1)).mean() > 0.9
+    assert not covered(cloud(), cloud(shift=20.0, seed=1)).any()
     half = cloud()
     half[:150] += 50
-    assert coverage(half, cloud(seed=1)) == pytest.approx(0.5, abs=0.1)  # made pictures miss half of the real ones
+    assert covered(half, cloud(seed=1)).mean() == pytest.approx(0.5, abs=0.1)  # made pictures miss half of the real ones
 
 
 def test_the_classifier_is_tested_on_groups_it_has_not_seen():
@@ -41,18 +41,30 @@ def test_the_classifier_is_tested_on_groups_it_has_not_seen():
     looks = rng.normal(0, 5, (40, 60))
     groups = np.repeat(np.arange(20), 15)
     a, b = (looks[groups + k] + rng.normal(0, 0.1, (300, 60)) for k in (0, 20))
-    assert abs(classifier_auc(a, b, groups, groups) - 0.5) < 0.3
-    assert classifier_auc(a, b, np.arange(300), np.arange(300)) > 0.95  # frames as groups of their own: fooled
-    assert classifier_auc(a, b + 30, groups, groups) > 0.99
+    assert abs(auc(*held_out_scores(a, b, groups, groups)) - 0.5) < 0.3
+    assert auc(*held_out_scores(a, b, np.arange(300), np.arange(300))) > 0.95  # frames as groups of their own: fooled
+    assert auc(*held_out_scores(a, b + 30, groups, groups)) > 0.99
     with pytest.raises(InputError, match="needs as many groups"):
-        classifier_auc(a, b, groups // 10, groups)
+        held_out_scores(a, b, groups // 10, groups)
 
 
-def test_an_interval_draws_groups():
+def test_an_interval_leaves_out_groups():
     x, groups = np.repeat(cloud(10, D=1), 30, axis=0), np.repeat(np.arange(10), 30)
     low, high = interval(lambda v: v.mean(), [x], [groups])
     narrow = interval(lambda v: v.mean(), [x], [np.arange(300)])
     assert low < x.mean() < high and high - low > 3 * (narrow[1] - narrow[0])  # ten groups, not 300 pictures
+    by_hand = 1.96 * x[::30].std(ddof=1) / np.sqrt(10)  # of a mean, the jackknife gives the textbook's standard error
+    assert high - x.mean() == pytest.approx(by_hand)
+
+
+def test_an_interval_of_a_distance_holds_the_truth():
+    """Two clouds one apart: the interval of the difference of their means holds 1 in about 95 draws of 100."""
+    inside = 0
+    for k in range(40):
+        a, b = cloud(60, seed=2 * k), cloud(60, shift=1.0, seed=2 * k + 1)
+        low, high = interval(lambda p, q: q.mean() - p.mean(), [a, b], [np.arange(60) // 2] * 2)
+        inside += low < 1 < high
+    assert inside >= 34
 
 
 def test_the_descriptor_sees_tone_sharpness_and_edges():

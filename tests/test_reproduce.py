@@ -2,11 +2,13 @@
 
 import csv
 import json
+import shutil
 import subprocess
 import sys
 import time
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from conftest import paint_environments
@@ -15,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from dronekeypp.errors import InputError
 from dronekeypp.presets import preset as find_preset
-from dronekeypp.reproduce import ablations, priors, read_result, reproduce, tables
+from dronekeypp.reproduce import ablations, figure6, priors, read_result, reproduce, tables
 from dronekeypp.reproduce.runner import PAPER, read_npz, source_digest, write_npz
 
 BUDGET = {**tiny(layers=1), "backbone_weights": None, "epochs": 2, "frames": 64, "val_frames": 32, "batch": 32, "device": "cpu"}
@@ -225,6 +227,54 @@ def test_priors(finished, tmp_path):
     assert told.shape == (7, 7) and (told > 0).all() and len({*told[0]}) > 1  # another class, another distance
     assert priors.size_ratios(recorded)[0, 0] == 1 and np.array(recorded["embedding"][0]["distance"]).shape == (7, 7)
     assert "| Tello |" in (tmp_path / "figures" / "priors.md").read_text() and (tmp_path / "figures" / "priors.png").stat().st_size > 10_000
+
+
+def real_frames(folder, n=36, videos=12):
+    """Pictures of noise and a table of boxes, three frames a video; returns the folder."""
+    folder.mkdir()
+    lines = ["file,video,x,y,w,h"]
+    for i in range(n):
+        cv2.imwrite(str(folder / f"{i}.png"), np.random.default_rng(i).integers(0, 256, (120, 160, 3), dtype=np.uint8))
+        lines.append(f"{i}.png,{i % videos},{10 + i},20,{30 + i % 9},18")
+    (folder / "boxes.csv").write_text("\n".join(lines) + "\n")
+    return folder
+
+
+def test_figure_6(finished, tmp_path):
+    _, data, _ = finished
+    real, photographs = real_frames(tmp_path / "real"), paint_environments(tmp_path / "photographs", seed=6)
+    where = dict(root=tmp_path, data=shutil.copytree(data, tmp_path / "data"), stride=STRIDE, progress=False)
+    recorded = reproduce("figure6", real=real, photographs=photographs, **where)
+    names = [row["set"] for row in recorded["rows"] if row["features"] == "descriptor"]
+    assert names == ["real", *(made + version for made in list(figure6.SETS)[1:] for version in figure6.VERSIONS)]
+    for row in recorded["rows"]:
+        for key in figure6.MEASURES:
+            assert row[f"{key}_ci95"][0] <= row[key] <= row[f"{key}_ci95"][1]
+        assert (row["auc"] > 0.9) == (row["set"] != "real")  # noise is not a drone, and looks like noise
+    assert len(recorded["doubt"]) == 10 and all(row["median_px"] > 0 for row in recorded["doubt"])
+    assert np.unique(figure6.read_features(tmp_path)["real/groups"], return_counts=True)[1].tolist() == [3] * 12
+    again = reproduce("figure6", **where)  # from the recorded features alone
+    assert {k: again[k] for k in ("rows", "nearer", "doubt", "datasets")} == {k: recorded[k] for k in ("rows", "nearer", "doubt", "datasets")}
+    assert (tmp_path / "figures" / "figure6.md").read_text() == figure6.markdown(again)
+    assert all((tmp_path / "figures" / name).stat().st_size > 10_000 for name in ("figure6.png", "figure6_distances.png"))
+
+
+def test_real_frames_that_cannot_be_used_are_named(finished, tmp_path):
+    folder = real_frames(tmp_path / "real", n=6, videos=3)
+    table = (folder / "boxes.csv").read_text()
+    for text, match in [
+        (table.replace("video", "clip"), "column 'video' is missing; frames of one video are alike"),
+        (table.replace(",w,", ",width,"), "column 'w' is missing"),
+        (table.replace("4.png", "40.png"), "line 6: .*40.png is missing or no picture"),
+        (table.replace("11,20", "11,high"), "line 3: the box is not four numbers"),
+    ]:
+        (folder / "boxes.csv").write_text(text)
+        with pytest.raises(InputError, match=match):
+            figure6.real_pictures(folder, 32)
+    with pytest.raises(InputError, match="boxes.csv not found"):
+        figure6.real_pictures(tmp_path, 32)
+    with pytest.raises(InputError, match="make it with"):
+        reproduce("figure6", root=tmp_path, data=finished[1], progress=False)
 
 
 def test_the_size_of_a_drone():

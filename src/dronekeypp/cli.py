@@ -73,7 +73,7 @@ def _reproduce(args):
 
     reproduce(
         args.name, args.preset, args.seeds, parse_overrides(args.set), args.data, args.root, args.stride, args.environments, args.photographs,
-        args.workers,
+        args.real, args.workers,
     )  # fmt: skip
 
 
@@ -190,14 +190,15 @@ def parser():
     p.set_defaults(run=_bench)
 
     p = verbs.add_parser("reproduce", help="measure a table from nothing: render, train, evaluate, write; run it again to resume")
-    p.add_argument("name", metavar="NAME", help="table3, table4, table5, table6, heads, rays, priors, or domains (with --photographs)")
+    p.add_argument("name", metavar="NAME", help="table3 to table6, heads, rays, degraded, priors, figure6, domains")
     p.add_argument("--preset", default="cpu", help="cpu (default) or paper")
     p.add_argument("--seeds", type=int, metavar="N", help="trainings a row (default: 3 for table4, 5 and 6, else 1)")
     p.add_argument("--set", action="append", metavar="key=value", help="change one setting of every run")
     p.add_argument("--data", type=Path, metavar="DATASET", help="default: data/6dronesyn; rendered if it is not there")
     p.add_argument("--stride", type=int, default=1, metavar="N", help="of the rendering: keep every N-th frame of each flight")
     p.add_argument("--environments", type=Path, metavar="DIR", help="of the rendering: your own panoramas")
-    p.add_argument("--photographs", type=Path, metavar="DIR", help="domains only: photographed panoramas to set against the drawn ones")
+    p.add_argument("--photographs", type=Path, metavar="DIR", help="domains, figure6: photographed panoramas to set against the drawn ones")
+    p.add_argument("--real", type=Path, metavar="DIR", help="figure6 only: real drone frames with boxes.csv (default: the recorded features)")
     p.add_argument("--root", type=Path, default=Path("."), metavar="DIR", help="where runs/, figures/ and data_samples/results/ lie")
     p.add_argument("--workers", type=int, default=2, metavar="N", help="rendering processes")
     p.set_defaults(run=_reproduce)

@@ -38,7 +38,7 @@ class Footage:
         """(number, image (H, W, 3) uint8 RGB or None where the frame cannot be read), from frame `start` on."""
         if not self.is_video:
             for i in range(start, len(self.names)):
-                yield i, _read_image((self.path / self.names[i]) if self.path.is_dir() else self.path)
+                yield i, read_picture((self.path / self.names[i]) if self.path.is_dir() else self.path)
             return
         video = cv2.VideoCapture(str(self.path))
         try:
@@ -51,7 +51,8 @@ class Footage:
             video.release()
 
 
-def _read_image(path: Path) -> np.ndarray | None:
+def read_picture(path: Path) -> np.ndarray | None:
+    """An image file as (H, W, 3) uint8 RGB, or None if it is missing or broken."""
     try:
         data = np.frombuffer(path.read_bytes(), np.uint8)
     except OSError:

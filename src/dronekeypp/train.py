@@ -347,7 +347,7 @@ def train(
     network = network_class(method)
     model_config, config = presets.preset(preset, {**network.defaults, **(overrides or {})})
     size = model_config.image_size
-    train_set = SixDroneSyn(dataset_root, "train", size=size, augment=config.augment, seed=config.seed)
+    train_set = SixDroneSyn(dataset_root, "train", size=size, augment=config.augment, degrade=config.degrade, seed=config.seed)
     val_set = SixDroneSyn(dataset_root, "val", size=size)
     return train_on(train_set, val_set, out, model_config, config, resume, progress, network=network)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from dronekeypp.errors import InputError
-from dronekeypp.reproduce import ablations, domains, priors, table3
+from dronekeypp.reproduce import ablations, domains, figure6, priors, table3
 from dronekeypp.reproduce.runner import Bench, read_result
 
 # What one training may cost, by preset. `cpu`: 470,000 crops for the four methods of Table 3, about 40 quiet minutes on two cores, and a
@@ -17,18 +17,19 @@ BUDGETS: dict[str, dict[str, Any]] = {"cpu": {"epochs": 40, "frames": 11760}, "p
 ABLATION_BUDGETS: dict[str, dict[str, Any]] = {"cpu": {"epochs": 10, "frames": 11760}, "paper": {}}
 
 
-def _domains(bench: Bench, seeds: int | None, photographs: Path | None) -> dict[str, Any]:
-    if photographs is None:
+def _domains(bench: Bench, seeds: int | None) -> dict[str, Any]:
+    if bench.photographs is None:
         raise InputError("reproduce domains needs --photographs DIR: a folder of 360° panoramas (2:1 equirectangular), six or more")
-    return domains.reproduce(bench, photographs, seeds or 1)
+    return domains.reproduce(bench, bench.photographs, seeds or 1)
 
 
-# name -> what makes it from a Bench, the number of seeds (None: its own) and a folder of photographed panoramas
-NAMES: dict[str, Callable[[Bench, int | None, Path | None], dict[str, Any]]] = {
-    "table3": lambda bench, seeds, _: table3.reproduce(bench, seeds or 1),
+# name -> what makes it from a Bench and the number of seeds (None: its own)
+NAMES: dict[str, Callable[[Bench, int | None], dict[str, Any]]] = {
+    "table3": lambda bench, seeds: table3.reproduce(bench, seeds or 1),
     **{name: ablations.maker(name) for name in ablations.ABLATIONS},
-    "priors": lambda bench, seeds, _: priors.reproduce(bench, seeds or 1),
+    "priors": lambda bench, seeds: priors.reproduce(bench, seeds or 1),
     "domains": _domains,
+    "figure6": lambda bench, _: figure6.reproduce(bench),
 }
 FULL = ("table3", "domains")  # at the full budget, and sharing their runs; the others are ablations, and share theirs
 
@@ -43,6 +44,7 @@ def reproduce(
     stride: int = 1,
     environments: str | Path | None = None,
     photographs: str | Path | None = None,
+    real: str | Path | None = None,
     workers: int = 2,
     progress: bool = True,
 ) -> dict[str, Any]:
@@ -53,6 +55,7 @@ def reproduce(
         overrides: settings for every run, on top of the preset's budget (`BUDGETS`, `ABLATION_BUDGETS`).
         data: the data set (default ROOT/data/6dronesyn); flights that are missing are rendered, every `stride`-th frame, before `environments`
             (default: the drawn ones), with `workers` processes.
+        photographs: a folder of 360° panoramas, for `domains` and `figure6`. real: a folder of real drone frames with boxes.csv, for `figure6`.
         root: below it lie runs/, figures/ and data_samples/results/. Try things out in another one: what is recorded there is replaced.
 
     Raises:
@@ -74,8 +77,9 @@ def reproduce(
         root=root, preset=preset, budget={**budget[preset], **(overrides or {})}, group=f"{group}-{preset}",
         data=Path(data) if data else root / "data" / "6dronesyn", stride=stride,
         environments=Path(environments) if environments else None, workers=workers, progress=progress,
+        photographs=Path(photographs) if photographs else None, real=Path(real) if real else None,
     )  # fmt: skip
-    return NAMES[name](bench, seeds, Path(photographs) if photographs else None)
+    return NAMES[name](bench, seeds)
 
 
 __all__ = ["ABLATION_BUDGETS", "BUDGETS", "NAMES", "Bench", "read_result", "reproduce"]

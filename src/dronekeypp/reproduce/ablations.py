@@ -104,6 +104,11 @@ ABLATIONS: dict[str, Ablation] = {
         reference="the paper's heads",
         seeds=1,
     ),
+    "degraded": Ablation(
+        "Training crops as a small, compressed video shows them",
+        (Row("crops as rendered"), Row("half of them degraded", {"degrade": True})),
+        reference="crops as rendered",
+    ),
     "rays": Ablation(
         "What the ray embedding is fed, with each rotation head, from predicted and from true keypoints",
         tuple(
@@ -277,6 +282,6 @@ def draw(recorded: dict[str, Any]) -> plt.Figure:
     return panels(recorded, names, [variant for _, variant in names], lambda name, key: paper_value(recorded["name"], name[1], key))
 
 
-def maker(name: str) -> Callable[[Bench, int | None, Any], dict[str, Any]]:
+def maker(name: str) -> Callable[[Bench, int | None], dict[str, Any]]:
     """What `reproduce NAME` calls."""
-    return lambda bench, seeds, _: reproduce(name, bench, seeds)
+    return lambda bench, seeds: reproduce(name, bench, seeds)

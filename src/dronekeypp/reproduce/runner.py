@@ -72,6 +72,7 @@ class Bench:
         root: runs/ and, unless told otherwise, data/ are made below it; results and figures go to data_samples/results and figures/.
         preset, budget: every run starts from this preset with these changes; the method's own `defaults` and `Run.changes` come on top.
         data: the data set; missing flights are rendered. stride, environments, workers: of that rendering.
+        photographs, real: folders of 360° panoramas and of real drone frames, for what is measured on them.
         group: folder below runs/; runs of the same name in the same group are the same run.
     """
 
@@ -82,6 +83,8 @@ class Bench:
     data: Path
     stride: int = 1
     environments: Path | None = None
+    photographs: Path | None = None
+    real: Path | None = None
     workers: int = 2
     progress: bool = True
 
@@ -112,9 +115,9 @@ class Bench:
 
     def split(self, name: str, run: Run, seed: int, data: Path | None = None) -> SixDroneSyn:
         model, training = self.settings(run, seed)
-        augment = training.augment and name == "train"
+        shown = {"augment": training.augment, "degrade": training.degrade} if name == "train" else {}
         drones = [drone for drone in DRONES if drone != run.without or name == "test"]
-        return SixDroneSyn(data or self.data, name, size=model.image_size, augment=augment, seed=training.seed, drones=drones)
+        return SixDroneSyn(data or self.data, name, size=model.image_size, seed=training.seed, drones=drones, **shown)
 
     def count(self, name: str, run: Run) -> int:
         """Frames of a split that a run sees, from the table of flights alone."""
@@ -242,15 +245,15 @@ def rows_and_averages(frames: dict[str, np.ndarray], **labels) -> tuple[list[dic
     return plain(summarise(frames, **labels)), plain(averages(frames, **labels))
 
 
-def result(name: str, bench: Bench, stories: Sequence[dict], **parts) -> dict[str, Any]:
-    """A recorded result: what was run, on what, for how long, and its rows."""
+def result(name: str, bench: Bench, stories: Sequence[dict], dataset: dict[str, Any] | None = None, **parts) -> dict[str, Any]:
+    """A recorded result: what was run, on what (default: the bench's data), for how long, and its rows."""
     command = f"python -m dronekeypp {shlex.join(sys.argv[1:])}" if sys.argv[1:2] == ["reproduce"] else None
     return {
         "name": name,
         "command": command,
         "preset": bench.preset,
         "budget": {key: str(value) for key, value in bench.budget.items()},
-        "dataset": describe(bench.data),
+        "dataset": dataset or describe(bench.data),
         "hardware": ", ".join(dict.fromkeys(story["hardware"] for story in stories)),
         "minutes": round(sum(story["minutes"] for story in stories), 1),
         "versions": {"dronekeypp": __version__, "torch": torch.__version__, "numpy": np.__version__, "python": platform.python_version()},

@@ -12,6 +12,8 @@ from . import bop
 from .drones import DRONES
 from .scenes import HEIGHT, SPLITS, WIDTH, subsequences
 
+SMALLEST_SIDE = 20  # pixels, of `degrade`
+
 
 def read_image(path):
     """A JPEG as (H, W, 3) uint8 RGB.
@@ -45,6 +47,22 @@ def recolour(image, rng):
     return cv2.addWeighted(image, saturation, grey, 1 - saturation, 0)
 
 
+def degrade(image, rng):
+    """The same crop as a small, compressed video shows it. (S, S, 3) uint8 to the same; every strength is drawn from `rng`.
+
+    Rendered crops are sharp and free of noise. A real drone is often 20 to 80 pixels wide, and its camera sharpens the picture, adds noise and
+    compresses it: all of that happens here at the small size, before the crop is enlarged again.
+    """
+    S = image.shape[0]
+    side = int(round(np.exp(rng.uniform(np.log(min(SMALLEST_SIDE, S)), np.log(S)))))
+    small = cv2.resize(image, (side, side), interpolation=cv2.INTER_AREA).astype(np.float32)
+    small += rng.uniform(0, 1) * (small - cv2.GaussianBlur(small, (0, 0), 1))
+    small += rng.normal(0, rng.uniform(0, 8), small.shape)
+    quality = int(rng.integers(30, 91))
+    data = cv2.imencode(".jpg", small.clip(0, 255).round().astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+    return cv2.resize(cv2.imdecode(data, cv2.IMREAD_COLOR), (S, S), interpolation=cv2.INTER_LINEAR)
+
+
 class SixDroneSyn(torch.utils.data.Dataset):
     """Frames of one split, cut to the drone.
 
@@ -53,6 +71,7 @@ class SixDroneSyn(torch.utils.data.Dataset):
         split: "train", "val" or "test" (paper Sec. V-A: scenes 1, 2, 4, 5, 8, 10, 11, 12 / 3, 9, 13 / 6, 7).
         size: side S of the crop handed out, pixels.
         augment: draw each crop's margin (1.15 to 1.3), centre and colours anew; False: margin 1.2, centred, as stored. The paper has none.
+        degrade: show half of the crops, drawn anew, as a small, compressed video shows them; see `degrade`.
         seed: of the augmentation, which depends on (seed, epoch, index) alone; see `set_epoch`.
         stride: keep every stride-th stored frame of each flight.
         drones: names of the drones to keep; None for all seven.
@@ -66,10 +85,11 @@ class SixDroneSyn(torch.utils.data.Dataset):
         InputError: no such split, missing or malformed annotations (on opening); missing or truncated image (on reading it).
     """
 
-    def __init__(self, root, split, size=96, augment=False, seed=0, stride=1, drones=None):
+    def __init__(self, root, split, size=96, augment=False, seed=0, stride=1, drones=None, degrade=False):
         if split not in SPLITS:
             raise InputError(f"split {split!r}: choose {', '.join(SPLITS)}")
         self.root, self.split, self.size, self.augment, self.seed, self.epoch = Path(root), split, size, augment, seed, 0
+        self.degrade = degrade
         self.manifest = bop.read_json(self.root / "manifest.json")
         for name in drones or ():
             if name not in DRONES:
@@ -121,6 +141,8 @@ class SixDroneSyn(torch.utils.data.Dataset):
         crop = crop_image(image, local, self.size)
         if self.augment:
             crop = recolour(crop, self._generator(index, 1))
+        if self.degrade and (rng := self._generator(index, 2)).random() < 0.5:
+            crop = degrade(crop, rng)
         return {"image": torch.from_numpy(crop).permute(2, 0, 1).float() / 255, **self.annotation(index, square)}
 
     def annotations(self):
