@@ -74,13 +74,17 @@ def contenders(checkpoint: str, exported: str | None, threads: int) -> list[Cont
 _here: dict[str, Any] = {}  # its stages and facts
 
 
-def _prepare(contender: Contender) -> dict[str, int] | str:
-    """Build the contender and run it once. Returns {"params", "flops"} (of one frame; a multiplication and an addition are two), or, in a
-    line, why it cannot take part: there is no C++ compiler to compile with.
+def _prepare(contender: Contender, folder: Path) -> dict[str, int] | str:
+    """Build the contender, with `folder` for what it may have to write, and run it once.
+
+    Returns {"params", "flops"} (of one frame; a multiplication and an addition are two), or, in a line, why it cannot take part: there is no
+    C++ compiler to compile with.
     """
     torch.set_num_threads(contender.threads)
-    make = _detector if contender.engine == LIBRARY else _dronepose if contender.name == POSE34 else _dronekeypp
-    facts, stages = make(contender)
+    if contender.engine == LIBRARY:
+        facts, stages = _detector(contender, folder / f"yolo-{contender.device}-{contender.batch}")
+    else:
+        facts, stages = (_dronepose if contender.name == POSE34 else _dronekeypp)(contender)
     _here.update(contender=contender, stages=stages, frames=pictures(contender.batch))
     try:
         _run(0.0)
@@ -188,9 +192,8 @@ def _dronepose(contender: Contender) -> tuple[dict[str, int], dict[str, Callable
     return facts, {"crop": lambda frames: cut(frames, config.image_size, device), "network and pose": answer}
 
 
-def _detector(contender: Contender) -> tuple[dict[str, int], dict[str, Callable]]:
+def _detector(contender: Contender, folder: Path) -> tuple[dict[str, int], dict[str, Callable]]:
     """YOLOv8n-pose and PnP with the true size. Untrained the detector finds nothing, so PnP gets four points as a Mini 2 would show them."""
-    folder = Path(tempfile.mkdtemp(prefix="dronekeypp-bench-"))
     library = yolo.library(folder)
     shape = {**library("yolov8n-pose.yaml").model.yaml, "kpt_shape": [4, 3], "nc": len(DRONES)}
     (folder / "yolov8n-pose.yaml").write_text(json.dumps(shape))  # JSON is YAML
@@ -241,12 +244,13 @@ def bench(
         raise InputError(f"rounds={rounds}, threads={threads}: at least 1 of each")
     hidden, spawn = not (progress and sys.stderr.isatty()), multiprocessing.get_context("spawn")
     with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="dronekeypp-bench-")))
         if chosen is None:
-            folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
             exported = str(export(checkpoint, folder / "net.onnx")) if OnnxNetwork.installed() else None
             chosen = contenders(str(checkpoint), exported, threads)
         pools = [stack.enter_context(ProcessPoolExecutor(1, mp_context=spawn)) for _ in chosen]
-        facts = [pool.submit(_prepare, c).result() for pool, c in zip(tqdm(pools, "prepare", leave=False, disable=hidden), chosen, strict=True)]
+        pairs = tqdm(list(zip(pools, chosen, strict=True)), "prepare", leave=False, disable=hidden)
+        facts = [pool.submit(_prepare, contender, folder).result() for pool, contender in pairs]
         for c, fact in zip(chosen, facts, strict=True):
             if isinstance(fact, str):
                 print(f"{c.name}, {c.engine}, {c.device} is left out: {fact}")
