@@ -251,10 +251,14 @@ def test_figure_6(finished, tmp_path):
         for key in figure6.MEASURES:
             assert row[f"{key}_ci95"][0] <= row[key] <= row[f"{key}_ci95"][1]
         assert (row["auc"] > 0.9) == (row["set"] != "real")  # noise is not a drone, and looks like noise
-    assert len(recorded["doubt"]) == 10 and all(row["median_px"] > 0 for row in recorded["doubt"])
+    assert len(recorded["answers"]) == 10
+    for row in recorded["answers"]:
+        assert row["doubt_px"] > 0 and 1 / 7 < row["class_probability"] < 1 and sum(row["named"].values()) == (36 if row["set"] == "real" else 42)
+    assert next(row for row in recorded["answers"] if row["set"] == "drawn")["inside"] > 0.98  # keypoints lie on the drone
     assert np.unique(figure6.read_features(tmp_path)["real/groups"], return_counts=True)[1].tolist() == [3] * 12
     again = reproduce("figure6", **where)  # from the recorded features alone
-    assert {k: again[k] for k in ("rows", "nearer", "doubt", "datasets")} == {k: recorded[k] for k in ("rows", "nearer", "doubt", "datasets")}
+    same = ("rows", "nearer", "answers", "datasets")
+    assert [again[part] for part in same] == [recorded[part] for part in same]
     assert (tmp_path / "figures" / "figure6.md").read_text() == figure6.markdown(again)
     assert all((tmp_path / "figures" / name).stat().st_size > 10_000 for name in ("figure6.png", "figure6_distances.png"))
 

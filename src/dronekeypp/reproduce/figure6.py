@@ -39,6 +39,7 @@ from dronekeypp.reproduce.runner import Bench, describe, read_result, result, sa
 from dronekeypp.reproduce.tables import write_figure
 from dronekeypp.sixdronesyn.bop import read_json
 from dronekeypp.sixdronesyn.dataset import SixDroneSyn, degrade
+from dronekeypp.sixdronesyn.drones import DRONES
 from dronekeypp.sixdronesyn.generate import generate
 from dronekeypp.sixdronesyn.scenes import SCENES, count_frames
 from dronekeypp.train import BEST
@@ -63,11 +64,12 @@ MAPS = ((30, 0), (30, 1), (10, 0), (100, 0))  # t-SNE: perplexity, seed; the fir
 
 @dataclass(frozen=True)
 class Pictures:
-    """Crops (n, S, S, 3) uint8 RGB, the video or flight (n,) each was cut from, and their side (n,) in pixels of the frame."""
+    """Crops (n, S, S, 3) uint8 RGB, the video or flight (n,) each was cut from, their squares (n, 3) and the drones' boxes (n, 4), frame pixels."""
 
     images: np.ndarray
     groups: np.ndarray
-    sides: np.ndarray
+    squares: np.ndarray
+    boxes: np.ndarray
 
     @property
     def tensor(self) -> torch.Tensor:
@@ -91,7 +93,7 @@ def real_pictures(folder: Path, size: int) -> Pictures:
     if missing:
         why = "; frames of one video are alike, so it has to be known" if "video" in missing else ""
         raise InputError(f"{path}: column {'video' if why else min(missing)!r} is missing{why}")
-    images, sides = [], []
+    images, squares, boxes = [], [], []
     for number, row in enumerate(rows, start=2):
         try:
             box = [float(row[prefix + key]) for key in "xywh"]
@@ -102,9 +104,10 @@ def real_pictures(folder: Path, size: int) -> Pictures:
             raise InputError(f"{path}, line {number}: {folder / row['file']} is missing or no picture")
         square = clamp_square(square_around(box), image.shape[1], image.shape[0])
         images.append(crop_image(image, square, size))
-        sides.append(square[2])
+        squares.append(square)
+        boxes.append(box)
     groups = np.unique([row["video"] for row in rows], return_inverse=True)[1]
-    return Pictures(np.stack(images), groups, np.array(sides))
+    return Pictures(np.stack(images), groups, np.stack(squares), np.array(boxes))
 
 
 def made_pictures(data: Path, size: int) -> Pictures:
@@ -113,7 +116,8 @@ def made_pictures(data: Path, size: int) -> Pictures:
     chosen = np.linspace(0, len(dataset) - 1, min(PICTURES, len(dataset))).round().astype(int)
     items = [dataset[i] for i in chosen]
     images = [(item["image"].permute(1, 2, 0).numpy() * 255).round().astype(np.uint8) for item in items]
-    return Pictures(np.stack(images), np.array([int(i["subsequence"]) for i in items]), np.array([float(i["square"][2]) for i in items]))
+    flights, squares = np.array([int(item["subsequence"]) for item in items]), np.stack([item["square"].numpy() for item in items])
+    return Pictures(np.stack(images), flights, squares, np.stack([dataset.frames[i].box for i in chosen]))
 
 
 def as_small(pictures: Pictures, sides: np.ndarray) -> Pictures:
@@ -151,7 +155,7 @@ def rendered(bench: Bench, name: str, environments: Path | None) -> Path:
 
 
 def from_pictures(bench: Bench, real: Path) -> tuple[dict[str, np.ndarray], list[dict], dict[str, Any]]:
-    """Features of every set and version ("drawn small/backbone"), their groups; how much the networks doubt; what the made sets are."""
+    """Features of every set and version ("drawn small/backbone"), their groups; what networks answer; what the made sets are."""
     shipped = load_network(Path(__file__).parents[3] / "data_samples" / "checkpoint")
     assert isinstance(shipped, DroneKeyPP)
     size = shipped.config.image_size
@@ -170,7 +174,7 @@ def from_pictures(bench: Bench, real: Path) -> tuple[dict[str, np.ndarray], list
             continue
         folder = rendered(bench, name, environments)
         sets[name], datasets[name] = made_pictures(folder, size), describe(folder)
-        sets[f"{name} small"], sets[f"{name} degraded"] = as_small(sets[name], sets["real"].sides), as_video(sets[name])
+        sets[f"{name} small"], sets[f"{name} degraded"] = as_small(sets[name], sets["real"].squares[:, 2]), as_video(sets[name])
     arrays = {f"{name}/groups": pictures.groups.astype(np.int32) for name, pictures in sets.items()}
     for name, pictures in sets.items():
         arrays |= {f"{name}/{kind}": of(pictures.tensor).astype(np.float16) for kind, of in extract.items()}
@@ -179,22 +183,35 @@ def from_pictures(bench: Bench, real: Path) -> tuple[dict[str, np.ndarray], list
         best = bench.folder(ablations.run_of(row, bench.preset), 0) / BEST
         if best.is_dir():
             networks[row.name] = load_network(best)
-    doubt = [{"network": who, **row} for who, network in networks.items() for name in sets for row in doubts(network, name, sets[name])]
-    return arrays, doubt, datasets
+    answers = [{"network": who, "set": name, **answer(network, sets[name])} for who, network in networks.items() for name in sets]
+    return arrays, answers, datasets
 
 
 @torch.inference_mode()
-def doubts(network: DroneKeyPP, name: str, pictures: Pictures) -> Iterator[dict[str, Any]]:
-    """How far the keypoints move when the crop is mirrored (`predict.mirror_doubt`), pixels of the crop: its median, with an interval."""
+def answer(network: DroneKeyPP, pictures: Pictures) -> dict[str, Any]:
+    """What can be asked of a network without the truth: how far its keypoints move when the crop is mirrored (`predict.mirror_doubt`, pixels of
+    the crop: the median, with an interval); the share of them inside the box, a tenth of its longer side around it included; the median
+    probability of the class it names; and how often it names which drone.
+    """
     network.eval()
-    size, found = pictures.images.shape[1], []
-    K = torch.tensor([[1500.0, 0, 960], [0, 1500, 540], [0, 0, 1]])
-    for images in pictures.tensor.split(64):  # keypoints come from the picture alone: any camera and place will do
-        inputs = (images, K.expand(len(images), 3, 3), torch.tensor([900.0, 500.0, 120.0]).expand(len(images), 3))
-        found.append(size * mirror_doubt(network, *inputs, network(*inputs)["keypoints"]))
-    values = torch.cat(found).numpy()
+    size, doubt, keypoints, probs = pictures.images.shape[1], [], [], []
+    K = torch.tensor([[1500.0, 0, 960], [0, 1500, 540], [0, 0, 1]])  # keypoints and class come from the picture alone: any camera will do
+    for images, square in zip(pictures.tensor.split(64), torch.from_numpy(pictures.squares).float().split(64), strict=True):
+        inputs = (images, K.expand(len(images), 3, 3), square)
+        found = network(*inputs)
+        doubt.append(size * mirror_doubt(network, *inputs, found["keypoints"]))
+        keypoints.append(found["keypoints_px"])
+        probs.append(found["class_probs"])
+    values, (share, named) = torch.cat(doubt).numpy(), torch.cat(probs).max(dim=1)
+    low = pictures.boxes[:, None, :2] - 0.1 * pictures.boxes[:, 2:].max(axis=1)[:, None, None]
+    high = 2 * pictures.boxes[:, None, :2] + pictures.boxes[:, None, 2:] - low  # as far beyond the other corner
+    points = torch.cat(keypoints).numpy()
     middle = lambda v: float(np.median(v))  # noqa: E731
-    yield {"set": name, "median_px": middle(values), "median_px_ci95": interval(middle, [values], [pictures.groups])}
+    return {
+        "doubt_px": middle(values), "doubt_px_ci95": interval(middle, [values], [pictures.groups]),
+        "inside": float(((points >= low) & (points <= high)).all(axis=-1).mean()), "class_probability": float(share.median()),
+        "named": {drone: int((named == k).sum()) for k, drone in enumerate(DRONES)},
+    }  # fmt: skip
 
 
 # --- from features on ------------------------------------------------------------------------------------------------------------------
@@ -288,12 +305,12 @@ def reproduce(bench: Bench) -> dict[str, Any]:
     """
     store = "data_samples/results/figure6_features.npz"
     if bench.real is not None:
-        arrays, doubt, datasets = from_pictures(bench, bench.real)
+        arrays, answers, datasets = from_pictures(bench, bench.real)
         (bench.root / store).parent.mkdir(parents=True, exist_ok=True)
         write_npz(bench.root / store, arrays)
     else:
         earlier = read_result("figure6", bench.root)
-        arrays, doubt, datasets = read_features(bench.root), earlier["doubt"], earlier["datasets"]
+        arrays, answers, datasets = read_features(bench.root), earlier["answers"], earlier["datasets"]
     made = [name for name in list(SETS)[1:] if name in sets_of(arrays)]
     pairs = [*zip(made, made[1:], strict=False), *((name, f"{name} degraded") for name in made)]
     rows, nearer, maps, kept, planes = [], [], [], {}, {}
@@ -308,7 +325,7 @@ def reproduce(bench: Bench) -> dict[str, Any]:
         planes[kind] |= {tsne_name(*one): tsne(x, *one) for one in MAPS}
         for title, points in planes[kind].items():
             maps.append({"features": kind, "map": title, "purity": purity(points, labels), "order": centre_order(points, labels)})
-    parts = {"datasets": datasets, "variance_kept": kept, "rows": rows, "nearer": nearer, "maps": maps, "doubt": doubt}
+    parts = {"datasets": datasets, "variance_kept": kept, "rows": rows, "nearer": nearer, "maps": maps, "answers": answers}
     recorded = result("figure6", bench, [], dataset=datasets["drawn"], of=len(arrays["real/groups"]), **parts)
     write_result(bench.root, recorded)
     folder = bench.root / "figures"
@@ -337,7 +354,7 @@ def set_label(name: str) -> str:
 
 
 def with_interval(row: dict[str, Any], key: str) -> str:
-    digits = 1 if key in ("frechet", "median_px") else 2
+    digits = 1 if key in ("frechet", "doubt_px") else 2
     low, high = row[f"{key}_ci95"]
     return f"{row[key]:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
 
@@ -360,11 +377,13 @@ def markdown(recorded: dict[str, Any]) -> str:
             (low, high), digits = row["difference_ci95"], 1 if row["measure"] == "frechet" else 2
             names = (set_label(row["before"]), set_label(row["after"]), MEASURES[row["measure"]])
             lines.append(f"| {' | '.join(names)} | {row['difference']:+.{digits}f} [{low:+.{digits}f}, {high:+.{digits}f}] |")
-    lines += ["", "## Doubt", "", "How far the keypoints of a network move when the crop is mirrored: median, pixels of a 96 px crop.", ""]
-    lines += ["| network | set | doubt (px) |", "|---|---|---:|"]
-    for row in recorded["doubt"]:
+    lines += ["", "## What a network answers", "", "Mirror doubt: how far its keypoints move when the crop is mirrored, pixels of a 96 px crop.", ""]
+    lines += ["| network | set | mirror doubt, median | keypoints inside the box | class probability, median |", "|---|---|---:|---:|---:|"]
+    for row in recorded["answers"]:
         name = "real frames" if row["set"] == "real" else set_label(row["set"])
-        lines.append(f"| {row['network']} | {name} | {with_interval(row, 'median_px')} |")
+        lines.append(
+            f"| {row['network']} | {name} | {with_interval(row, 'doubt_px')} | {100 * row['inside']:.1f} % | {100 * row['class_probability']:.0f} % |"
+        )
     return "\n".join(lines) + "\n"
 
 
