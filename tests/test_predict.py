@@ -175,6 +175,19 @@ def test_a_broken_frame_is_told_and_passed_over(footage, small, tmp_path):
     assert len(open_footage(tmp_path / "out" / "overlay.mp4").names) == 5
 
 
+def test_a_folder_is_told_how_fast_it_was_taken(footage, small, tmp_path):
+    images, camera, boxes, _ = footage
+    given = dict(boxes=boxes, overlay=False, progress=False)
+    raw, slow, fast = (
+        predict(small, images, camera, tmp_path / "out", smooth=smooth, rate=rate, **given) for smooth, rate in ((0.0, 30), (0.05, 1), (0.05, 900))
+    )
+    spread = [np.ptp([pose.t for pose in poses], axis=0).max() for poses in (raw, slow, fast)]
+    np.testing.assert_allclose([pose.t for pose in slow], [pose.t for pose in raw])  # a second apart: no neighbour near
+    assert spread[2] < spread[0]
+    with pytest.raises(InputError, match="--rate 0: frames a second, above 0"):
+        predict(small, images, camera, tmp_path / "out", rate=0, **given)
+
+
 def test_a_video_and_a_box_in_its_first_frame(small, tmp_path):
     path, rng = tmp_path / "video.avi", np.random.default_rng(0)
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 25.0, (320, 240))

@@ -41,6 +41,7 @@ from .sixdronesyn.drones import DRONES
 WIDTH, HEIGHT = 1920, 1080
 YOLO_SIZE = 256  # px, of the detector's input
 YOLO, POSE34, PAPER_SIZED = yolo.METHOD, "DronePose, ResNet-34", "DroneKey++, paper-sized"
+ENCODED = ("keypoints", "class_logits", "keypoint_sigma", "ir")  # what the pose needs of the network
 EAGER, COMPILED, ONNX, LIBRARY = "eager", "compiled", "ONNX Runtime", "its library"
 
 
@@ -163,18 +164,17 @@ def _dronekeypp(contender: Contender) -> tuple[dict[str, int], dict[str, Callabl
         return facts, {"crop": lambda frames: cut(frames, size, "cpu"), "network and pose": lambda inputs: session(*inputs)}
 
     def encode(image):
-        found = network.encoder(network.backbone(image))
-        return found["keypoints"], found["class_logits"].softmax(dim=-1)
+        return {name: value for name, value in network.encode(image).items() if name in ENCODED}
 
-    def decode(keypoints, probs, K, square):
-        found = network.decoder(keypoints, probs, K, square)
+    def decode(encoded, K, square):
+        found = network.decode(encoded, encoded["class_logits"].softmax(dim=-1), K, square)
         return found["R"], found["t"]
 
     if contender.engine == COMPILED:
         encode, decode = torch.compile(encode), torch.compile(decode)
     return facts, {
         "crop": lambda frames: cut(frames, size, device),
-        "network": lambda inputs: (*encode(inputs[0]), *inputs[1:]),
+        "network": lambda inputs: (encode(inputs[0]), *inputs[1:]),
         "pose": lambda found: [part.cpu() for part in decode(*found)],
     }
 

@@ -88,7 +88,7 @@ def _box(text):
 def _predict(args):
     from .predict import predict
 
-    predict(args.checkpoint, args.footage, args.camera, args.out, args.boxes, args.box, args.smooth, not args.no_overlay)
+    predict(args.checkpoint, args.footage, args.camera, args.out, args.boxes, args.box, args.smooth, not args.no_overlay, rate=args.rate)
 
 
 def _export(args):
@@ -172,6 +172,7 @@ def parser():
     p.add_argument("--box", type=_box, metavar="X,Y,W,H", help="of the drone in the first frame, without such a file; a tracker carries it on")
     p.add_argument("--out", type=Path, required=True, metavar="DIR")
     p.add_argument("--smooth", type=float, default=0.0, metavar="SECONDS", help="sigma of a Gaussian over the poses (default 0: none)")
+    p.add_argument("--rate", type=float, default=30.0, metavar="FPS", help="of a folder of images (default 30); a video knows its own")
     p.add_argument("--no-overlay", action="store_true", help="write no video")
     p.set_defaults(run=_predict)
 

@@ -75,6 +75,7 @@ def predict(
     smooth: float = 0.0,
     overlay: bool = True,
     progress: bool = True,
+    rate: float = 30.0,
 ) -> list[Pose]:
     """Poses of the drone in every frame that has a box; see the module for what is written to `out`.
 
@@ -82,12 +83,16 @@ def predict(
         checkpoint: folder of `save_pretrained`, a run folder, of which best/ is taken, or an ONNX file of `export`.
         footage: a video, a folder of images, one image. camera: see `footage.read_camera`. boxes: see `footage.read_boxes`.
         box: (x, y, w, h) in the first frame, carried on by a tracker, where there are no `boxes`.
-        smooth: sigma of a Gaussian over the poses, seconds (of a folder of images: frames at 30 a second); 0 leaves them as they are.
+        smooth: sigma of a Gaussian over the poses, seconds; 0 leaves them as they are.
+        rate: frames a second of a folder of images; a video knows its own.
 
     Raises:
         InputError: an input that cannot be read, or `out` was begun with other inputs. A broken frame is no error: it gets a row that says so.
     """
+    if not (np.isfinite(rate) and rate > 0):
+        raise InputError(f"--rate {rate}: frames a second, above 0")
     source, calibration = open_footage(footage), read_camera(camera)
+    rate = source.rate or rate
     if (boxes is None) == (box is None):
         raise InputError("give either --boxes FILE or --box x,y,w,h of the drone in the first frame")
     network, weights = load_checkpoint(checkpoint)
@@ -121,11 +126,11 @@ def predict(
     if not poses:
         raise InputError(f"no frame of {source.path} has a pose; {out / JOURNAL} says why: {rows[0]['status'] if rows else 'no frames'}")
     if smooth > 0:
-        poses = smoothed(poses, smooth, source.rate or 30.0)
+        poses = smoothed(poses, smooth, rate)
     write_beside(out / POSES, bop_results(poses).encode())
     write_beside(out / "trajectory.png", draw_trajectory(poses))
     if overlay:
-        write_overlay(out, source, calibration, {pose.frame: pose for pose in poses})
+        write_overlay(out, source, calibration, {pose.frame: pose for pose in poses}, rate)
     skipped = [row for row in rows if row["status"] != GOOD]
     if progress:
         print(f"{out}: {len(poses)} poses of {len(rows)} frames" + (f"; {len(skipped)} without one, see {JOURNAL}" if skipped else ""))
@@ -325,7 +330,7 @@ def draw_overlay(image: np.ndarray, pose: Pose, calibration: Calibration) -> np.
     return image
 
 
-def write_overlay(out: Path, source: Footage, calibration: Calibration, poses: dict[int, Pose]) -> None:
+def write_overlay(out: Path, source: Footage, calibration: Calibration, poses: dict[int, Pose], rate: float) -> None:
     """overlay.mp4 (of one image overlay.png): every frame that can be read; written beside, then renamed."""
     writer, beside = None, out / ".overlay.tmp.mp4"
     try:
@@ -340,7 +345,7 @@ def write_overlay(out: Path, source: Footage, calibration: Calibration, poses: d
                 return
             if writer is None:
                 size = image.shape[1::-1]
-                writer = cv2.VideoWriter(str(beside), cv2.VideoWriter_fourcc(*"mp4v"), source.rate or 30.0, size)
+                writer = cv2.VideoWriter(str(beside), cv2.VideoWriter_fourcc(*"mp4v"), rate, size)
                 if not writer.isOpened():
                     raise InputError(f"{beside}: OpenCV cannot write an mp4 here; run again without the overlay")
             if image.shape[1::-1] == size:

@@ -79,20 +79,31 @@ class Backbone(nn.Module):
         self.register_buffer("std", torch.tensor(STD).view(1, 3, 1, 1), persistent=False)
         weights = config.backbone_weights if load else None
         if config.backbone == "compact":
-            self.net = CompactResNet(config.backbone_stride)
-            self.channels = COMPACT_CHANNELS[-1]
+            self.net, self.levels = CompactResNet(config.backbone_stride), (2, 3, 4)
+            self.pyramid_channels = COMPACT_CHANNELS[1:]
         else:
             net = _torchvision_resnet(config.backbone, imagenet=weights == "imagenet")
-            self.channels = net.fc.in_features
-            self.net = nn.Sequential(*list(net.children())[:-2])  # without the pooling and the classifier
+            last = net.fc.in_features
+            self.net, self.levels = nn.Sequential(*list(net.children())[:-2]), (4, 5, 7)  # without the pooling and the classifier
+            self.pyramid_channels = (last // 8, last // 4, last)
+        self.channels = self.pyramid_channels[-1]
         if weights not in (None, "imagenet"):
             load_backbone(self, weights)
         self.to(memory_format=torch.channels_last)  # a fifth to a third faster on a CPU; the numbers are the same
 
     def forward(self, image: Tensor) -> Tensor:
+        return self.pyramid(image)[-1]
+
+    def pyramid(self, image: Tensor) -> list[Tensor]:
+        """The maps at stride 4 and 8, and the last one: image (B, 3, S, S) -> three tensors with `pyramid_channels` channels."""
         x = ((image - self.mean) / self.std).contiguous(memory_format=torch.channels_last)
+        maps = []
         with torch.autocast(x.device.type, torch.bfloat16, enabled=self.bfloat16 and self.training):
-            return self.net(x).float()
+            for i, stage in enumerate(self.net):
+                x = stage(x)
+                if i in self.levels:
+                    maps.append(x.float())
+        return maps
 
 
 def _torchvision_resnet(name: str, imagenet: bool) -> nn.Module:

@@ -116,6 +116,7 @@ class ModelConfig(Settings):
     rays: str = "raw"  # what the ray embedding is fed: "raw" (paper) | "standardised" | "split"
     rotation: str = "euler"  # head: "euler" (paper: three sigmoid angles) | "sixd" (Zhou et al. 2019) | "allocentric": 6D, seen along the ray
     translation: str = "metres"  # head: "metres" (paper) | "site": against centre and spread of the rays (SITE, Li et al. 2019)
+    pose: str = "mlp"  # Eq. 7-8: "mlp" (paper) | "geometric": a sharp keypoint head, learned shapes and PnP, see geometry.py
     angle_zero: str = "middle"  # euler only: 0° at the "middle" of the sigmoid, seam at 180° | at its "edge", seam at 0°
     decoder_width: int = 256  # hidden width of MLP_3D and MLP_pose
     decoder_layers: int = 3  # their hidden layers
@@ -133,6 +134,7 @@ class ModelConfig(Settings):
         "rotation": ("euler", "sixd", "allocentric"),
         "translation": ("metres", "site"),
         "angle_zero": ("middle", "edge"),
+        "pose": ("mlp", "geometric"),
     }
     LEAST: ClassVar[dict[str, float]] = {
         "image_size": 32, "width": 4, "layers": 1, "heads": 1, "ffn": 1, "dropout": 0,
@@ -149,6 +151,8 @@ class ModelConfig(Settings):
             raise InputError(f"backbone_stride={self.backbone_stride} is not one of: 8, 16")
         if self.image_size % self.stride:
             raise InputError(f"image_size={self.image_size} must be a multiple of {self.stride} ({self.backbone})")
+        if self.pose == "geometric" and self.encoder == "truth":
+            raise InputError("pose=geometric needs an encoder: it looks at the picture")
         if self.backbone == "compact" and self.backbone_weights == "imagenet":
             raise InputError("backbone_weights=imagenet needs a torchvision backbone: set backbone=resnet18, 34 or 50")
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import torch
 from torch import Tensor
-from torch.nn.functional import cross_entropy, mse_loss
+from torch.nn.functional import cross_entropy, mse_loss, smooth_l1_loss
 
 from dronekeypp import rotations
 from dronekeypp.errors import InputError
@@ -14,6 +15,8 @@ from dronekeypp.errors import InputError
 ENCODER_TERMS = ("L_2D", "L_cls")  # Eq. 9
 DECODER_TERMS = ("L_3D", "L_rot", "L_trans")  # Eq. 11
 TERMS = ENCODER_TERMS + DECODER_TERMS
+SURENESS = 0.01  # weight of the likelihoods of `geometric_loss_terms`
+DISTANT = 0.5  # m
 SCHEDULES = ("equal", "tanh", "shifted", "biased")
 
 
@@ -47,6 +50,35 @@ def loss_terms(output: dict, batch: dict, keypoint_unit: float = 1.0) -> dict[st
         "L_rot": rotation,
         "L_trans": mse_loss(output["t"], batch["t"]),
     }
+
+
+def geometric_loss_terms(output: dict, batch: dict, keypoint_unit: float = 1.0) -> dict[str, Tensor]:
+    """The same five terms for `pose="geometric"` (see geometry.py), which answers twice: a first guess and the refined pose.
+
+    L_2D: MSE of the sharp and of the encoder's own keypoints · L_rot, L_trans: MSE of the direct branch's and of the refined pose · L_3D: MSE of
+    the hubs as the refined pose has them, which teaches the shapes. A pose can be far off while the network is young; metres count with their
+    square only up to DISTANT. Every sigma learns by the Gaussian likelihood of the error it stands for; that error is
+    taken as given, so that no branch pays for its doubts with its accuracy.
+    """
+    near = partial(smooth_l1_loss, beta=DISTANT)
+    off = (output["keypoints"] - batch["keypoints"]).square().sum(dim=2)  # (B, 4)
+    turned = rotations.geodesic_degrees(output["R_direct"], batch["R"]).deg2rad().square()  # (B,)
+    moved = (output["t_direct"] - batch["t"]).square().sum(dim=1) / batch["t"][:, 2].square()  # (B,) as shares of the distance
+    keypoints = sum(mse_loss(output[name], batch["keypoints"]) for name in ("keypoints", "coarse_keypoints"))
+    rotation = mse_loss(output["R_direct"], batch["R"]) + mse_loss(output["R"], batch["R"])
+    translation = near(output["t_direct"], batch["t"]) + near(output["t"], batch["t"])
+    return {
+        "L_2D": keypoints * keypoint_unit**2 + SURENESS * likelihood(off, output["keypoint_sigma"], 2),
+        "L_cls": cross_entropy(output["class_logits"], batch["label"]),
+        "L_3D": near(output["keypoints_3d"], batch["keypoints_3d"]),
+        "L_rot": rotation + SURENESS * likelihood(turned, output["angle_sigma"], 3),
+        "L_trans": translation + SURENESS * likelihood(moved, output["distance_sigma"], 3),
+    }
+
+
+def likelihood(squared_error: Tensor, sigma: Tensor, dimensions: int) -> Tensor:
+    """Mean negative log-likelihood of an isotropic normal error, up to a constant; the error itself gets no gradient."""
+    return (squared_error.detach() / (2 * sigma.square()) + dimensions * sigma.log()).mean()
 
 
 def loss_weights(schedule: str, progress: float) -> tuple[float, float]:

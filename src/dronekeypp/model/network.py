@@ -13,7 +13,8 @@ from dronekeypp.model.base import PoseNetwork
 from dronekeypp.model.config import ModelConfig
 from dronekeypp.model.decoder import PoseDecoder
 from dronekeypp.model.encoder import KeypointEncoder
-from dronekeypp.model.losses import loss_terms
+from dronekeypp.model.geometry import GeometricDecoder, SharpHead
+from dronekeypp.model.losses import geometric_loss_terms, loss_terms
 
 
 class DroneKeyPP(PoseNetwork):
@@ -32,7 +33,28 @@ class DroneKeyPP(PoseNetwork):
         if self.config.encoder == "learned":
             self.backbone = Backbone(self.config, load=load_backbone)
             self.encoder = KeypointEncoder(self.config, self.backbone.channels)
-        self.decoder = PoseDecoder(self.config)
+        if self.config.pose == "geometric":
+            self.head = SharpHead(self.backbone.pyramid_channels, self.config.image_size // 4)
+            self.decoder = GeometricDecoder(self.config)
+        else:
+            self.head, self.decoder = None, PoseDecoder(self.config)
+
+    def encode(self, image: Tensor) -> dict[str, Tensor | list[Tensor] | None]:
+        """The picture's part: image (B, 3, S, S) -> keypoints, class_logits and what else `forward` returns of the encoder.
+
+        With `pose="geometric"` the keypoints are the sharp head's, with their keypoint_sigma; the encoder's own are coarse_keypoints.
+        """
+        levels = self.backbone.pyramid(image)
+        encoded = self.encoder(levels[-1])
+        if self.head is not None:
+            encoded = {**encoded, "coarse_keypoints": encoded["keypoints"], **self.head(levels)}
+        return encoded
+
+    def decode(self, encoded: dict[str, Tensor], probs: Tensor, K: Tensor, square: Tensor) -> dict[str, Tensor | None]:
+        """The geometry's part: what `encode` found, and class probabilities (B, classes), to the pose."""
+        if self.head is None:
+            return self.decoder(encoded["keypoints"], probs, K, square)
+        return self.decoder(encoded["keypoints"], probs, K, square, encoded["keypoint_sigma"], encoded["ir"][:, -1])
 
     def forward(
         self,
@@ -56,13 +78,14 @@ class DroneKeyPP(PoseNetwork):
             ir (B, N, d) · cr (B, N, 4, 2) · attention, N tensors (B, heads, 1+M, 1+M) · class_logits, class_probs (B, 7) ·
             rays (B, 4, 3) · e_ray, e_cls (B, 64) · keypoints_3d (B, 4, 3) metres, camera axes, about the centre ·
             angles (B, 3) turns · R (B, 3, 3) camera<-body · t (B, 3) metres. What the configuration leaves out is None.
+            With pose="geometric" also what `SharpHead` and `GeometricDecoder` return: keypoint_sigma, covariance and more.
 
         Raises:
             InputError: shapes that do not fit, or encoder="truth" without the truth.
         """
         self._check(image, K, square, keypoints, label)
         if self.encoder is not None and (image is not None or keypoints is None or label is None):
-            encoded = self.encoder(self.backbone(image))
+            encoded = self.encode(image)
         else:
             encoded = dict.fromkeys(("keypoints", "class_logits", "gate", "ir", "cr", "attention"))
         if keypoints is not None:
@@ -73,7 +96,7 @@ class DroneKeyPP(PoseNetwork):
         else:
             probs = encoded["class_logits"].softmax(dim=-1)  # Eq. 5
         encoded["class_probs"] = probs
-        return {**encoded, **self.decoder(encoded["keypoints"], probs, K, square)}
+        return {**encoded, **self.decode(encoded, probs, K, square)}
 
     def _check(self, image, K, square, keypoints, label) -> None:
         B, S = K.shape[0], self.config.image_size
@@ -92,12 +115,14 @@ class DroneKeyPP(PoseNetwork):
         self.decoder.fit_rays(batches)
 
     def prepare(self, annotations: dict[str, Tensor]) -> None:
-        """The ray statistics are part of the network: true keypoints of the training frames, no images."""
+        """The ray statistics are part of the network, and so are the classes' shapes: truth of the training frames, no images."""
         self.fit_rays([annotations])
+        if self.head is not None:
+            self.decoder.shapes.fit(*(annotations[name].to(self.decoder.shapes.hubs.device) for name in ("label", "R", "keypoints_3d")))
 
     def losses(self, output: dict, batch: dict, keypoint_unit: float) -> dict[str, Tensor]:
-        """Eq. 9 and 11; see `loss_terms`."""
-        return loss_terms(output, batch, keypoint_unit)
+        """Eq. 9 and 11; see `loss_terms`, and `geometric_loss_terms` for `pose="geometric"`."""
+        return (loss_terms if self.head is None else geometric_loss_terms)(output, batch, keypoint_unit)
 
     @property
     def idle_parameters(self) -> bool:
@@ -105,6 +130,8 @@ class DroneKeyPP(PoseNetwork):
 
     def parameter_counts(self) -> dict[str, int]:
         """Learnable numbers by part: {"backbone", "encoder", "decoder", "total"}."""
-        parts = {"backbone": self.backbone, "encoder": self.encoder, "decoder": self.decoder}
+        parts = {"backbone": self.backbone, "encoder": self.encoder, "head": self.head, "decoder": self.decoder}
+        if self.head is None:
+            del parts["head"]
         counts = {name: sum(p.numel() for p in part.parameters()) if part else 0 for name, part in parts.items()}
         return {**counts, "total": sum(counts.values())}
