@@ -67,6 +67,16 @@ def test_an_interval_of_a_distance_holds_the_truth():
     assert inside >= 34
 
 
+def test_what_sets_share_is_no_difference_between_them():
+    """The same flights before two backgrounds: what is common to a flight cancels in a paired difference."""
+    flights = np.repeat(np.arange(12), 10)
+    common = np.random.default_rng(0).normal(0, 5, 12)[flights][:, None]
+    one, other = common + cloud(120, D=1), common + cloud(120, shift=1.0, seed=1, D=1)
+    apart = lambda a, b: b.mean() - a.mean()  # noqa: E731
+    alone, together = (np.ptp(interval(apart, [one, other], [flights, flights], paired=paired)) for paired in ((), (0, 1)))
+    assert together < alone / 5
+
+
 def test_the_descriptor_sees_tone_sharpness_and_edges():
     torch.manual_seed(0)
     images = torch.rand(4, 3, 48, 48)

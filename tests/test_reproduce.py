@@ -11,14 +11,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import torch
 from conftest import paint_environments
 from fakes import tiny
 from scipy.spatial.transform import Rotation
 
+from dronekeypp.baselines import load_network
 from dronekeypp.errors import InputError
 from dronekeypp.presets import preset as find_preset
-from dronekeypp.reproduce import ablations, figure6, priors, read_result, reproduce, tables
+from dronekeypp.reproduce import ablations, beyond, figure6, priors, read_result, reproduce, tables
 from dronekeypp.reproduce.runner import PAPER, read_npz, source_digest, write_npz
+from dronekeypp.sixdronesyn.dataset import SixDroneSyn
 
 BUDGET = {**tiny(layers=1), "backbone_weights": None, "epochs": 2, "frames": 64, "val_frames": 32, "batch": 32, "device": "cpu"}
 STRIDE = 120  # 441 frames: less than 1 % of the whole
@@ -229,6 +232,45 @@ def test_priors(finished, tmp_path):
     assert "| Tello |" in (tmp_path / "figures" / "priors.md").read_text() and (tmp_path / "figures" / "priors.png").stat().st_size > 10_000
 
 
+def test_beyond(finished, tmp_path):
+    root, data, table3 = finished
+    recorded = reproduce("beyond", overrides=BUDGET, root=root, data=data, stride=STRIDE, progress=False)
+    variants = [variant for _, variant in tables.methods(recorded)]
+    assert variants == [None, "geometric", *beyond.PARTS.values(), *(run.variant for run in beyond.WITHOUT.values())]
+    papers = [[row for row in r["rows"] if (row["method"], row["variant"]) == ("DroneKey++", None)] for r in (recorded, table3)]
+    assert papers[0] == papers[1]  # Table 3's own run
+    assert {row["drone"] for row in recorded["rows"] if row["variant"] == "geometric without Tello"} == {"Tello"}
+    for row in recorded["doubt"]:
+        for name in beyond.HALVES:
+            shares = row["coverage"][name]
+            assert shares == sorted(shares) and 0 <= shares[0] and shares[-1] <= 1
+    assert [row["hidden"] for row in recorded["occlusion"]] == [share for share in beyond.HIDDEN for _ in range(2)]
+    assert len(recorded["shapes"]) == 7 and all(0.9 < row["size_ratio"] < 1.1 for row in recorded["shapes"])  # from the annotations
+    assert load_network(root / "data_samples" / "beyond").config.pose == "geometric"
+    text = (root / "figures" / "beyond.md").read_text()
+    assert text == beyond.markdown(recorded) and text.count("geometric without") == 4
+    assert all((root / "figures" / name).stat().st_size > 10_000 for name in ("beyond.png", "beyond_doubt.png"))
+
+
+def test_a_covariance_is_judged_by_how_often_it_holds():
+    rng = np.random.default_rng(0)
+    roots = rng.normal(size=(5000, 6, 6)) * 0.1
+    covariance = roots @ roots.transpose(0, 2, 1) + 0.01 * np.eye(6)
+    error = np.einsum("fij,fj->fi", np.linalg.cholesky(covariance), rng.normal(size=(5000, 6)))
+    for name, shares in beyond.coverage(error, covariance).items():
+        np.testing.assert_allclose(shares, beyond.LEVELS, atol=0.03, err_msg=name)
+    np.testing.assert_allclose(beyond.calibration(error, covariance), 1, atol=0.03)
+    np.testing.assert_allclose(beyond.calibration(3 * error, covariance), 3, atol=0.1)
+
+
+def test_a_hidden_square_is_as_large_as_it_says(finished):
+    data = SixDroneSyn(finished[1], "test", size=48)
+    plain, covered = data[3], beyond.Hidden(data, 0.25)[3]
+    changed = (plain["image"] != covered["image"]).any(dim=0).float().mean()
+    assert 0.2 < float(changed) <= 0.25 and torch.equal(plain["keypoints"], covered["keypoints"])
+    assert torch.equal(beyond.Hidden(data, 0.0)[3]["image"], plain["image"])
+
+
 def real_frames(folder, n=36, videos=12):
     """Pictures of noise and a table of boxes, three frames a video; returns the folder."""
     folder.mkdir()
@@ -254,7 +296,9 @@ def test_figure_6(finished, tmp_path):
     assert len(recorded["answers"]) == 10
     for row in recorded["answers"]:
         assert row["doubt_px"] > 0 and 1 / 7 < row["class_probability"] < 1 and sum(row["named"].values()) == (36 if row["set"] == "real" else 42)
-    assert next(row for row in recorded["answers"] if row["set"] == "drawn")["inside"] > 0.98  # keypoints lie on the drone
+    drawn = next(row for row in recorded["answers"] if row["set"] == "drawn")
+    assert drawn["inside"] > 0.98 and drawn["R_medae_deg"] < 40  # keypoints lie on the drone, in another world too
+    assert "R_medae_deg" not in recorded["answers"][0]  # nobody knows the real ones' poses
     assert np.unique(figure6.read_features(tmp_path)["real/groups"], return_counts=True)[1].tolist() == [3] * 12
     again = reproduce("figure6", **where)  # from the recorded features alone
     same = ("rows", "nearer", "answers", "datasets")

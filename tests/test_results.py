@@ -1,16 +1,18 @@
 """What the repository ships as measured: tables made from recorded results, a checkpoint that does what they say."""
 
+import json
 from pathlib import Path
 
 import pytest
 
 from dronekeypp.baselines import load_network
 from dronekeypp.evaluate import evaluate, measure
-from dronekeypp.reproduce import domains, read_result, table3, tables
+from dronekeypp.reproduce import ablations, domains, figure6, read_result, table3, tables
 from dronekeypp.reproduce.runner import describe
 from dronekeypp.sixdronesyn.dataset import SixDroneSyn
 
 ROOT = Path(__file__).parents[1]
+RESULTS = ROOT / "data_samples" / "results"
 
 
 def test_table_3_is_made_from_its_recorded_result():
@@ -27,6 +29,32 @@ def test_the_domain_table_is_made_from_its_recorded_result():
     drawn, photographs = (recorded["datasets"][name] for name in domains.DOMAINS)
     assert drawn["environments"] == "procedural" != photographs["environments"]
     assert {k: drawn[k] for k in ("train_frames", "test_frames", "seed")} == {k: photographs[k] for k in ("train_frames", "test_frames", "seed")}
+
+
+@pytest.mark.parametrize("name", sorted(name for name in ablations.ABLATIONS if (RESULTS / f"{name}.json").is_file()))
+def test_an_ablations_table_is_made_from_its_recorded_result(name):
+    recorded = read_result(name)
+    assert (ROOT / "figures" / f"{name}.md").read_text() == ablations.markdown(recorded)
+    assert (ROOT / "figures" / f"{name}.csv").read_text() == ablations.as_csv(recorded)
+    assert {variant for _, variant in tables.methods(recorded)} == {row.name for row in ablations.ABLATIONS[name].rows}
+    assert {story["epochs"] for story in recorded["runs"]} == {int(recorded["budget"]["epochs"])}  # equal budgets, none cut short
+
+
+def test_the_paper_s_ablations_are_recorded():
+    assert {"table4", "table5", "table6"} <= {path.stem for path in RESULTS.glob("*.json")}
+
+
+def test_figure_6_is_made_from_its_recorded_result():
+    recorded, features = read_result("figure6"), figure6.read_features()
+    assert (ROOT / "figures" / "figure6.md").read_text() == figure6.markdown(recorded)
+    assert recorded["of"] == len(features["real/groups"]) == 156 and {row["set"] for row in recorded["rows"]} == set(figure6.sets_of(features))
+
+
+def test_the_recorded_speed_reaches_its_goals():
+    speed = json.loads((RESULTS / "speed.json").read_text())
+    mine = [row for row in speed["rows"] if (row["name"], row["device"], row["batch"], row["threads"]) == ("DroneKey++", "cpu", 1, 2)]
+    fastest = max(mine, key=lambda row: row["frames_per_s"])
+    assert fastest["frames_per_s"] >= 100 and fastest["ratio_to_yolov8n_pose"] >= 3
 
 
 def test_the_shipped_checkpoint_does_what_its_row_says():

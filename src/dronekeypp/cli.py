@@ -191,7 +191,7 @@ def parser():
     p.set_defaults(run=_bench)
 
     p = verbs.add_parser("reproduce", help="measure a table from nothing: render, train, evaluate, write; run it again to resume")
-    p.add_argument("name", metavar="NAME", help="table3 to table6, heads, rays, degraded, priors, figure6, domains")
+    p.add_argument("name", metavar="NAME", help="table3 to table6, heads, rays, degraded, priors, figure6, domains, beyond")
     p.add_argument("--preset", default="cpu", help="cpu (default) or paper")
     p.add_argument("--seeds", type=int, metavar="N", help="trainings a row (default: 3 for table4, 5 and 6, else 1)")
     p.add_argument("--set", action="append", metavar="key=value", help="change one setting of every run")

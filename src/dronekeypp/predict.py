@@ -286,7 +286,7 @@ def to_pose(row: dict[str, str]) -> Pose | None:
 
 def smoothed(poses: list[Pose], sigma: float, rate: float) -> list[Pose]:
     """Smoothed by `sequences.gaussian`; a frame counts the less the more doubt there is about its keypoints."""
-    doubt = np.array([pose.doubt_px for pose in poses])
+    doubt = np.array([pose.doubt_px / max(pose.box[2:]) for pose in poses])  # in boxes: a near drone is large, not doubtful
     weights = 1 / (1 + np.square(doubt / max(np.median(doubt), 1e-6)))
     R, t = gaussian(np.stack([p.R for p in poses]), np.stack([p.t for p in poses]), np.array([p.frame / rate for p in poses]), sigma, weights)
     return [Pose(**{**vars(pose), "R": R[i], "t": t[i]}) for i, pose in enumerate(poses)]

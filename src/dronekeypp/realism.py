@@ -22,6 +22,7 @@ from torch import Tensor, nn
 from .errors import InputError
 
 RINGS, CELLS, DIRECTIONS, TONES = 16, 4, 8, 8  # of `descriptor`
+PARTS = {"tones": slice(0, 3 * TONES), "sharpness": slice(3 * TONES, 3 * TONES + RINGS), "edges": slice(3 * TONES + RINGS, None)}  # its columns
 NEIGHBOURS = 5  # of `covered`
 
 
@@ -124,14 +125,16 @@ def covered(real: np.ndarray, made: np.ndarray) -> np.ndarray:
     return NearestNeighbors(n_neighbors=1).fit(made).kneighbors(real)[0][:, 0] <= reach
 
 
-def interval(measure: Callable[..., float], sets: list[np.ndarray], groups: list[np.ndarray]) -> list[float]:
+def interval(measure: Callable[..., float], sets: list[np.ndarray], groups: list[np.ndarray], paired: tuple[int, ...] = ()) -> list[float]:
     """95 % interval [low, high] of measure(*sets) by the jackknife: each group left out in turn, in each set by itself (Efron & Stein 1981).
 
-    A bootstrap would draw pictures twice, and to a distance between sets a picture and its double are neighbours that nature does not have.
+    Sets whose places are in `paired` show the same groups (the same flights before another background): a group is left out of all of them at
+    once. A bootstrap would draw pictures twice, and to a distance between sets a picture and its double are neighbours that nature does not have.
     """
+    families = [[i] for i in range(len(sets)) if i not in paired] + [list(paired)] * bool(paired)
     value, variance = measure(*sets), 0.0
-    for k, of in enumerate(groups):
-        names = np.unique(of)
-        found = [measure(*(x[of != name] if i == k else x for i, x in enumerate(sets))) for name in names]
+    for family in families:
+        names = np.unique(np.concatenate([groups[i] for i in family]))
+        found = [measure(*(x[groups[i] != name] if i in family else x for i, x in enumerate(sets))) for name in names]
         variance += (len(names) - 1) * float(np.var(found))
     return [value - 1.96 * variance**0.5, value + 1.96 * variance**0.5]

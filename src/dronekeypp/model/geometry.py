@@ -191,7 +191,8 @@ def refine(problem: Problem) -> dict[str, Tensor]:
     Only the last step carries gradients. At the minimum the gradient of the cost is zero, so that one step moves by exactly what a change of
     keypoints, deviations or shape would move the minimum (the implicit function theorem); there is no need to go back through the search.
 
-    Returns R (B, 3, 3), t (B, 3), cost (B, 2) of both starts, and covariance (B, 6, 6) of the turn and the shift.
+    Returns R (B, 3, 3), t (B, 3), cost (B, 2) of both ends, covariance (B, 6, 6) of turn and shift around the better one; apart (B, 6), the turn
+    and shift to the other one, and the share (B,) of belief that it deserves.
     """
     with torch.no_grad():
         starts = [(problem.R0, problem.t0), flipped(problem.R0, problem.t0, problem.hubs)]
@@ -203,11 +204,14 @@ def refine(problem: Problem) -> dict[str, Tensor]:
             costs.append(problem.normal_equations(R, t)[0])
         cost = torch.stack(costs, dim=1)  # (B, 2)
         second = (cost[:, 1] < cost[:, 0])[:, None]
-        R = torch.where(second[..., None], ends[1][0], ends[0][0])
-        t = torch.where(second, ends[1][1], ends[0][1])
+        R, other_R = (torch.where(second[..., None] == turn, ends[0][0], ends[1][0]) for turn in (False, True))
+        t, other_t = (torch.where(second == turn, ends[0][1], ends[1][1]) for turn in (False, True))
+        apart = torch.cat([chord(other_R, R), other_t - t], dim=1)  # (B, 6)
+        share = torch.sigmoid(-(cost[:, 0] - cost[:, 1]).abs())  # of the other pose, if both costs are log-likelihoods
     R, t = problem.step(R, t, 0.0)
     _, _, H = problem.normal_equations(R, t)
-    return {"R": R, "t": t, "cost": cost, "covariance": solve(H, torch.eye(6, dtype=t.dtype, device=t.device).expand_as(H))}
+    covariance = solve(H, torch.eye(6, dtype=t.dtype, device=t.device).expand_as(H))
+    return {"R": R, "t": t, "cost": cost, "covariance": covariance, "apart": apart, "share": share}
 
 
 class GeometricDecoder(nn.Module):
@@ -259,14 +263,16 @@ class GeometricDecoder(nn.Module):
         }  # fmt: skip
 
     def honest(self, found: dict[str, Tensor], probs: Tensor) -> Tensor:
-        """The covariance (B, 6, 6) with what the fit itself cannot know: how uncertain the class makes the size, and a fit that is bad.
+        """The covariance (B, 6, 6) with what one fit cannot know.
 
-        14 residuals less 6 unknowns: half the weighted squares should be about 4. Where they are more, the drone is not of the shape we think.
+        The other pose of the two that a flat object has, with the belief it deserves. How uncertain the class makes the size, and with it the
+        distance. And a fit that is bad: 14 residuals less 6 unknowns, so half the weighted squares should be about 4; where they are more, the
+        drone is not of the shape we think.
         """
         misfit = (found["cost"].amin(dim=1) / 4).clamp(min=1)[:, None, None]
-        cov, t = misfit * found["covariance"], found["t"]
-        along = self.shapes.size_deviation(probs)[:, None] * t  # (B, 3)
-        zero = torch.zeros_like(along)
-        size = torch.cat([zero, along], dim=1)  # (B, 6)
+        along = self.shapes.size_deviation(probs)[:, None] * found["t"]  # (B, 3)
+        size = torch.cat([torch.zeros_like(along), along], dim=1)  # (B, 6)
+        other = (found["share"] * (1 - found["share"])).sqrt()[:, None] * found["apart"]  # of two poses with these shares
+        spreads = torch.stack([size, other], dim=2)  # (B, 6, 2)
         scale = self.calibration.repeat_interleave(3)
-        return (cov + size[:, :, None] * size[:, None, :]) * scale[:, None] * scale
+        return (misfit * found["covariance"] + spreads @ spreads.transpose(1, 2)) * scale[:, None] * scale

@@ -19,15 +19,17 @@ import cv2
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
+from scipy.spatial.distance import cdist
 from sklearn.decomposition import PCA
 from sklearn.manifold import TSNE
-from sklearn.neighbors import NearestNeighbors
 from sklearn.preprocessing import StandardScaler
 
 from dronekeypp import plots
 from dronekeypp.baselines import load_network
 from dronekeypp.camera import clamp_square, crop_image, square_around
 from dronekeypp.errors import InputError
+from dronekeypp.evaluate import MEASURES as ERRORS
+from dronekeypp.evaluate import frame_errors, plain
 from dronekeypp.files import write_beside
 from dronekeypp.footage import read_picture
 from dronekeypp.model import Backbone, DroneKeyPP, ModelConfig
@@ -36,7 +38,7 @@ from dronekeypp.predict import mirror_doubt
 from dronekeypp.realism import auc, backbone_features, covered, descriptor, frechet, held_out_scores, interval, kernel_mmd
 from dronekeypp.reproduce import ablations
 from dronekeypp.reproduce.runner import Bench, describe, read_result, result, say, write_npz, write_result
-from dronekeypp.reproduce.tables import write_figure
+from dronekeypp.reproduce.tables import number, write_figure
 from dronekeypp.sixdronesyn.bop import read_json
 from dronekeypp.sixdronesyn.dataset import SixDroneSyn, degrade
 from dronekeypp.sixdronesyn.drones import DRONES
@@ -64,12 +66,16 @@ MAPS = ((30, 0), (30, 1), (10, 0), (100, 0))  # t-SNE: perplexity, seed; the fir
 
 @dataclass(frozen=True)
 class Pictures:
-    """Crops (n, S, S, 3) uint8 RGB, the video or flight (n,) each was cut from, their squares (n, 3) and the drones' boxes (n, 4), frame pixels."""
+    """Crops (n, S, S, 3) uint8 RGB, the video or flight (n,) each was cut from, their squares (n, 3) and the drones' boxes (n, 4), frame pixels.
+
+    truth: annotations of made ones, stacked.
+    """
 
     images: np.ndarray
     groups: np.ndarray
     squares: np.ndarray
     boxes: np.ndarray
+    truth: dict[str, torch.Tensor] | None = None
 
     @property
     def tensor(self) -> torch.Tensor:
@@ -94,14 +100,14 @@ def real_pictures(folder: Path, size: int) -> Pictures:
         why = "; frames of one video are alike, so it has to be known" if "video" in missing else ""
         raise InputError(f"{path}: column {'video' if why else min(missing)!r} is missing{why}")
     images, squares, boxes = [], [], []
-    for number, row in enumerate(rows, start=2):
+    for line, row in enumerate(rows, start=2):
         try:
             box = [float(row[prefix + key]) for key in "xywh"]
         except (TypeError, ValueError):
-            raise InputError(f"{path}, line {number}: the box is not four numbers") from None
+            raise InputError(f"{path}, line {line}: the box is not four numbers") from None
         image = read_picture(folder / row["file"])
         if image is None:
-            raise InputError(f"{path}, line {number}: {folder / row['file']} is missing or no picture")
+            raise InputError(f"{path}, line {line}: {folder / row['file']} is missing or no picture")
         square = clamp_square(square_around(box), image.shape[1], image.shape[0])
         images.append(crop_image(image, square, size))
         squares.append(square)
@@ -117,7 +123,8 @@ def made_pictures(data: Path, size: int) -> Pictures:
     items = [dataset[i] for i in chosen]
     images = [(item["image"].permute(1, 2, 0).numpy() * 255).round().astype(np.uint8) for item in items]
     flights, squares = np.array([int(item["subsequence"]) for item in items]), np.stack([item["square"].numpy() for item in items])
-    return Pictures(np.stack(images), flights, squares, np.stack([dataset.frames[i].box for i in chosen]))
+    truth = torch.utils.data.default_collate([{name: value for name, value in item.items() if name != "image"} for item in items])
+    return Pictures(np.stack(images), flights, squares, np.stack([dataset.frames[i].box for i in chosen]), truth)
 
 
 def as_small(pictures: Pictures, sides: np.ndarray) -> Pictures:
@@ -193,29 +200,34 @@ def answer(network: DroneKeyPP, pictures: Pictures) -> dict[str, Any]:
 
     How far its keypoints move when the crop is mirrored (`predict.mirror_doubt`, pixels of the crop: the median of each video, their mean with
     an interval); the share of them inside the box, a tenth of its longer side around it included; the median probability of the class it
-    names; and how often it names which drone.
+    names; how often it names which drone. And where the truth is known, the median errors.
     """
     network.eval()
-    size, doubt, keypoints, probs = pictures.images.shape[1], [], [], []
-    K = torch.tensor([[1500.0, 0, 960], [0, 1500, 540], [0, 0, 1]])  # keypoints and class come from the picture alone: any camera will do
-    for images, square in zip(pictures.tensor.split(64), torch.from_numpy(pictures.squares).float().split(64), strict=True):
-        inputs = (images, K.expand(len(images), 3, 3), square)
+    size, doubt, parts = pictures.images.shape[1], [], []
+    K = torch.tensor([[1500.0, 0, 960], [0, 1500, 540], [0, 0, 1]]).expand(len(pictures.images), 3, 3)
+    if pictures.truth is not None:  # otherwise any camera will do: keypoints and class come from the picture alone
+        K = pictures.truth["K"]
+    for inputs in zip(*(v.split(64) for v in (pictures.tensor, K, torch.from_numpy(pictures.squares).float())), strict=True):
         found = network(*inputs)
         doubt.append(size * mirror_doubt(network, *inputs, found["keypoints"]))
-        keypoints.append(found["keypoints_px"])
-        probs.append(found["class_probs"])
-    values, (share, named) = torch.cat(doubt).numpy(), torch.cat(probs).max(dim=1)
+        parts.append({name: found[name] for name in ("keypoints", "keypoints_px", "class_probs", "R", "t")})
+    output = {name: torch.cat([part[name] for part in parts]) for name in parts[0]}
+    values, (share, named) = torch.cat(doubt).numpy(), output["class_probs"].max(dim=1)
     low = pictures.boxes[:, None, :2] - 0.1 * pictures.boxes[:, 2:].max(axis=1)[:, None, None]
     high = 2 * pictures.boxes[:, None, :2] + pictures.boxes[:, None, 2:] - low  # as far beyond the other corner
-    points = torch.cat(keypoints).numpy()
+    points = output["keypoints_px"].numpy()
     videos = np.unique(pictures.groups)
     medians = np.array([np.median(values[pictures.groups == video]) for video in videos])
     mean = lambda v: float(v.mean())  # noqa: E731
-    return {
-        "doubt_px": mean(medians), "doubt_px_ci95": interval(mean, [medians], [videos]),
+    answers = {
+        "doubt_px": mean(medians), "doubt_px_ci95": interval(mean, [medians], [videos]), "doubt_px_by_video": medians.round(2).tolist(),
         "inside": float(((points >= low) & (points <= high)).all(axis=-1).mean()), "class_probability": float(share.median()),
         "named": {drone: int((named == k).sum()) for k, drone in enumerate(DRONES)},
     }  # fmt: skip
+    if pictures.truth is not None:
+        errors = frame_errors(output, {**pictures.truth, "image": pictures.tensor[:1]})
+        answers |= {key: ERRORS[key](errors) for key in ("R_medae_deg", "t_medae_m", "class_accuracy")}
+    return plain(answers)
 
 
 # --- from features on ------------------------------------------------------------------------------------------------------------------
@@ -243,13 +255,13 @@ def components(arrays: dict[str, np.ndarray], kind: str) -> tuple[dict[str, np.n
 
 
 def distances(x: dict[str, np.ndarray], arrays: dict[str, np.ndarray]) -> Iterator[dict[str, Any]]:
-    """The four measures of every set against the real one, with their intervals; of the real one, a random half of its videos against the rest."""
+    """The four measures of every set against the real one, with their intervals; of the real one, see `among_themselves`."""
     real, groups = x["real"], arrays["real/groups"]
-    for name, made in x.items():
-        mine, theirs, of = real, made, [groups, arrays[f"{name}/groups"]]
+    yield among_themselves(real, groups)
+    for name, theirs in x.items():
         if name == "real":
-            half = np.isin(groups, np.random.default_rng(0).permutation(np.unique(groups))[::2])
-            mine, theirs, of = real[half], real[~half], [groups[half], groups[~half]]
+            continue
+        mine, of = real, [groups, arrays[f"{name}/groups"]]
         scores, cover = held_out_scores(mine, theirs, *of), covered(mine, theirs).astype(float)
         share = lambda v: float(v.mean())  # noqa: E731
         row: dict[str, Any] = {"set": name, "pictures": len(theirs)}
@@ -262,6 +274,22 @@ def distances(x: dict[str, np.ndarray], arrays: dict[str, np.ndarray]) -> Iterat
         yield row
 
 
+def among_themselves(real: np.ndarray, groups: np.ndarray, splits: int = 40) -> dict[str, Any]:
+    """The four measures between a random half of the real videos and the other half: what no distance can be expected to fall below.
+
+    The mean over `splits` of them, and where the middle 95 % of them lie.
+    """
+    draw, found = np.random.default_rng(0), []
+    for _ in range(splits):
+        half = np.isin(groups, draw.permutation(np.unique(groups))[::2])
+        one, other, of = real[half], real[~half], (groups[half], groups[~half])
+        found.append((frechet(one, other), kernel_mmd(one, other), auc(*held_out_scores(one, other, *of)), float(covered(one, other).mean())))
+    row: dict[str, Any] = {"set": "real", "pictures": len(real) // 2}
+    for key, values in zip(MEASURES, np.transpose(found), strict=True):
+        row |= {key: float(values.mean()), f"{key}_ci95": np.percentile(values, [2.5, 97.5]).tolist()}
+    return row
+
+
 def gains(x: dict[str, np.ndarray], arrays: dict[str, np.ndarray], pairs: list[tuple[str, str]]) -> Iterator[dict[str, Any]]:
     """How much nearer to the real frames the second set of each pair is than the first: the difference of two distances, with its interval."""
     for before, after in pairs:
@@ -269,7 +297,8 @@ def gains(x: dict[str, np.ndarray], arrays: dict[str, np.ndarray], pairs: list[t
             apart = lambda real, a, b, measure=measure: measure(real, b) - measure(real, a)  # noqa: E731
             names = ("real", before, after)
             parts, by = [x[name] for name in names], [arrays[f"{name}/groups"] for name in names]
-            yield {"before": before, "after": after, "measure": key, "difference": apart(*parts), "difference_ci95": interval(apart, parts, by)}
+            low_high = interval(apart, parts, by, paired=(1, 2))  # the same flights
+            yield {"before": before, "after": after, "measure": key, "difference": apart(*parts), "difference_ci95": low_high}
 
 
 def tsne(x: dict[str, np.ndarray], perplexity: float, seed: int) -> np.ndarray:
@@ -287,11 +316,17 @@ def labels_of(x: dict[str, np.ndarray]) -> np.ndarray:
     return np.concatenate([[name] * len(x[name]) for name in SETS if name in x])
 
 
-def purity(points: np.ndarray, labels: np.ndarray) -> dict[str, float]:
-    """By set: the share of a picture's 10 nearest neighbours that are of its own set."""
-    near = NearestNeighbors(n_neighbors=NEIGHBOURS + 1).fit(points).kneighbors(points, return_distance=False)[:, 1:]
-    same = (labels[near] == labels[:, None]).mean(axis=1)
-    return {name: float(same[labels == name].mean()) for name in dict.fromkeys(labels)}
+def flights_of(arrays: dict[str, np.ndarray]) -> np.ndarray:
+    """The video or flight of each row of `tsne`: a flight has one number before every background, a video one of its own."""
+    return np.concatenate([arrays[f"{name}/groups"] if name != "real" else -1 - arrays["real/groups"] for name in SETS if f"{name}/groups" in arrays])
+
+
+def purity(points: np.ndarray, labels: np.ndarray, flights: np.ndarray) -> dict[str, float]:
+    """By label: the share of a picture's 10 nearest neighbours from other videos and flights that are of its own label."""
+    apart = cdist(points, points, "sqeuclidean")
+    apart[flights[:, None] == flights] = np.inf
+    same = (labels[np.argpartition(apart, NEIGHBOURS, axis=1)[:, :NEIGHBOURS]] == labels[:, None]).mean(axis=1)
+    return {name: float(same[labels == name].mean()) for name in dict.fromkeys(labels.tolist())}
 
 
 def centre_order(points: np.ndarray, labels: np.ndarray) -> list[str]:
@@ -316,7 +351,7 @@ def reproduce(bench: Bench) -> dict[str, Any]:
         earlier = read_result("figure6", bench.root)
         arrays, answers, datasets = read_features(bench.root), earlier["answers"], earlier["datasets"]
     made = [name for name in list(SETS)[1:] if name in sets_of(arrays)]
-    pairs = [*zip(made, made[1:], strict=False), *((name, f"{name} degraded") for name in made)]
+    pairs = [*zip(made, made[1:], strict=False), (made[0], made[-1]), *((name, name + version) for name in made for version in list(VERSIONS)[1:])]
     rows, nearer, maps, kept, planes = [], [], [], {}, {}
     for kind in kinds_of(arrays):
         say(f"measuring: {KINDS[kind]}", bench.progress)
@@ -328,7 +363,7 @@ def reproduce(bench: Bench) -> dict[str, Any]:
         planes[kind] = {"all components": together, "two components": together[:, :2]}
         planes[kind] |= {tsne_name(*one): tsne(x, *one) for one in MAPS}
         for title, points in planes[kind].items():
-            maps.append({"features": kind, "map": title, "purity": purity(points, labels), "order": centre_order(points, labels)})
+            maps.append({"features": kind, "map": title, "purity": purity(points, labels, flights_of(arrays)), "order": centre_order(points, labels)})
     parts = {"datasets": datasets, "variance_kept": kept, "rows": rows, "nearer": nearer, "maps": maps, "answers": answers}
     recorded = result("figure6", bench, [], dataset=datasets["drawn"], of=len(arrays["real/groups"]), **parts)
     write_result(bench.root, recorded)
@@ -353,7 +388,7 @@ def set_label(name: str) -> str:
     """ "drawn small" -> "ours, drawn places: as small as the real ones"."""
     base, _, version = name.partition(" ")
     if base == "real":
-        return "real frames of other videos"
+        return "real frames among themselves"
     return SETS[base][0] + (f": {VERSIONS[' ' + version]}" if version else "")
 
 
@@ -383,12 +418,12 @@ def markdown(recorded: dict[str, Any]) -> str:
             lines.append(f"| {' | '.join(names)} | {row['difference']:+.{digits}f} [{low:+.{digits}f}, {high:+.{digits}f}] |")
     lines += ["", "## What a network answers", ""]
     lines += ["Mirror doubt: how far its keypoints move when the crop is mirrored, pixels of a 96 px crop; mean of the videos' medians.", ""]
-    lines += ["| network | set | mirror doubt (px) | keypoints inside the box | class probability, median |", "|---|---|---:|---:|---:|"]
+    lines += ["| network | set | mirror doubt (px) | class probability, median | R MedAE (deg) | t MedAE (m) |", "|---|---|---:|---:|---:|---:|"]
     for row in recorded["answers"]:
         name = "real frames" if row["set"] == "real" else set_label(row["set"])
-        lines.append(
-            f"| {row['network']} | {name} | {with_interval(row, 'doubt_px')} | {100 * row['inside']:.1f} % | {100 * row['class_probability']:.0f} % |"
-        )
+        errors = [number(row.get(key), digits) for key, digits in (("R_medae_deg", 1), ("t_medae_m", 3))]
+        sure = f"{100 * row['class_probability']:.0f} %"
+        lines.append(f"| {' | '.join([row['network'], name, with_interval(row, 'doubt_px'), sure, *errors])} |")
     return "\n".join(lines) + "\n"
 
 
@@ -415,21 +450,30 @@ def draw_maps(planes: dict[str, dict[str, np.ndarray]], labels: np.ndarray) -> p
 
 
 def draw_distances(recorded: dict[str, Any]) -> plt.Figure:
-    """One panel a measure, one line a set, its interval drawn; one row of panels for each kind of features."""
+    """One panel a measure, one line a set (filled: as made), its interval drawn; one row of panels for each kind of features."""
     plots.style()
     kinds = list(dict.fromkeys(row["features"] for row in recorded["rows"]))
-    names = list(dict.fromkeys(row["set"] for row in recorded["rows"]))
-    figure, axes = plt.subplots(len(kinds), len(MEASURES), figsize=(12, 0.9 + 2.9 * len(kinds)), sharey=True, squeeze=False)
+    names = list(dict.fromkeys(row["set"] for row in recorded["rows"]))[::-1]
+    figure, axes = plt.subplots(len(kinds), len(MEASURES), figsize=(12, 0.7 + 2.8 * len(kinds)), sharex="col", sharey=True, squeeze=False)
     for line, kind in zip(axes, kinds, strict=True):
-        for ax, (key, title) in zip(line, MEASURES.items(), strict=True):
-            for i, name in enumerate(reversed(names)):
+        for ax, key in zip(line, MEASURES, strict=True):
+            for i, name in enumerate(names):
                 row = next(r for r in recorded["rows"] if (r["features"], r["set"]) == (kind, name))
                 _, colour, marker = SETS[name.partition(" ")[0]]
                 ax.plot(row[f"{key}_ci95"], [i, i], color=colour, linewidth=1.5)
                 ax.plot(row[key], i, marker, color=colour, markersize=5, markerfacecolor=colour if " " not in name else "white")
-            ax.set(title=f"{title}\n{KINDS[kind]}")
             ax.grid(axis="x", alpha=0.3)
-            if key in ("auc", "coverage"):
-                ax.set_xlim(0, 1.02)
-        line[0].set_yticks(range(len(names)), [set_label(name) for name in reversed(names)])
+        line[0].set_yticks(range(len(names)), [short_label(name) for name in names])
+        line[0].set_ylabel(KINDS[kind], fontweight="bold")
+        line[2].axvline(0.5, color="grey", linestyle=":", linewidth=1)
+    for ax, title in zip(axes[0], MEASURES.values(), strict=True):
+        ax.set_title(title)
+    axes[0, 2].set_xlim(0.2, 1.03)
+    axes[0, 3].set_xlim(-0.04, 1.04)
     return figure
+
+
+def short_label(name: str) -> str:
+    """Of a set or one of its versions, for an axis."""
+    base, _, version = name.partition(" ")
+    return {"small": "as small as real ones", "degraded": "small, noisy, compressed"}[version] if version else set_label(base)

@@ -1,0 +1,290 @@
+"""Beyond the paper: its network and the one with the geometry put back, side by side at one budget; and whether the latter's doubt can be trusted.
+
+The geometric network (`pose="geometric"`, see `model/geometry.py`) is measured in parts as well, from the same weights: its direct branch alone,
+told the true class, and given true keypoints, with and without the noise that its own keypoints have (what its solver could do at best).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import torch
+from scipy.stats import chi2
+from torch import Tensor
+from torch.nn.functional import one_hot
+from torch.utils.data import DataLoader, Dataset, Subset
+
+from dronekeypp import plots
+from dronekeypp.evaluate import evaluate, frame_errors, plain, to_device
+from dronekeypp.files import write_beside
+from dronekeypp.model import DroneKeyPP
+from dronekeypp.model.geometry import chord
+from dronekeypp.reproduce.runner import Bench, Run, complete, result, rows_and_averages, say, write_result
+from dronekeypp.reproduce.tables import PRINTED, average, heading, interval, methods, number, panels, percent, write_figure
+from dronekeypp.sixdronesyn.drones import DRONES
+from dronekeypp.train import METRICS, choose_device
+
+METHOD = DroneKeyPP.method
+PAPERS, GEOMETRIC = Run(METHOD), Run(METHOD, "geometric", {"pose": "geometric"})
+# Each drone left out in turn would be seven trainings; these are the smallest and one whose size others have too. A quarter of the budget.
+WITHOUT = {
+    name: Run(METHOD, f"geometric without {name}", {"pose": "geometric", "epochs": 10}, without=name) for name in ("Tello", "Air2")
+}
+PARTS = {  # the geometric network's other answers
+    "direct": "geometric, direct branch alone",
+    "told": "geometric, told the class",
+    "noisy": "geometric, told class, true keypoints with its noise",
+    "exact": "geometric, told class, true keypoints",
+}
+HALVES = {"turn": slice(0, 3), "shift": slice(3, 6)}  # of an error vector: radians, metres
+LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+HIDDEN = (0.0, 0.05, 0.1, 0.2, 0.3)  # share of the crop's area
+
+
+@torch.inference_mode()
+def answers(model: DroneKeyPP, dataset: Dataset, parts: Iterable[str] = PARTS) -> dict[str, Any]:
+    """Every answer of a geometric network to every frame: {"": frames of `frame_errors`, and one for each of `parts`; "error", "covariance"}.
+
+    error (F, 6): the turn (axis times 2 sin(angle / 2), camera axes) and the shift (m) from the answer to the truth; covariance (F, 6, 6) as
+    claimed for it.
+    """
+    device = next(model.parameters()).device
+    model.eval()
+    found: dict[str, list] = {name: [] for name in ("", *parts, "error", "covariance")}
+    shuffle = torch.Generator().manual_seed(0)
+    for items in DataLoader(dataset, 64):
+        items = to_device(items, device)
+        K, square = items["K"], items["square"]
+        encoded = model.encode(items["image"])
+        probs = encoded["class_logits"].softmax(dim=1)
+        true_class = one_hot(items["label"], model.config.classes).to(probs)
+        order = torch.randperm(len(K), generator=shuffle).to(device)  # another frame's noise, and what was claimed for it
+        noise = (encoded["keypoints"] - items["keypoints"])[order]
+        exact = {**encoded, "keypoints": items["keypoints"], "keypoint_sigma": torch.full_like(encoded["keypoint_sigma"], 1e-3)}
+        noisy = {**encoded, "keypoints": items["keypoints"] + noise, "keypoint_sigma": encoded["keypoint_sigma"][order]}
+        whole = model.decode(encoded, probs, K, square)
+        answer = {"": whole, "direct": {**whole, "R": whole["R_direct"], "t": whole["t_direct"]}}
+        for name, given in (("told", encoded), ("noisy", noisy), ("exact", exact)):
+            if name in parts:
+                answer[name] = {**model.decode(given, true_class, K, square), "keypoints": given["keypoints"]}
+        for name in ("", *parts):
+            found[name].append(frame_errors({"keypoints": encoded["keypoints"], "class_probs": probs, **answer[name]}, items))
+        found["error"].append(torch.cat([chord(items["R"], whole["R"]), items["t"] - whole["t"]], dim=1).cpu())
+        found["covariance"].append(whole["covariance"].cpu())
+    joined: dict[str, Any] = {name: torch.cat(found.pop(name)).numpy().astype(np.float64) for name in ("error", "covariance")}
+    return joined | {name: {key: np.concatenate([part[key] for part in batches]) for key in batches[0]} for name, batches in found.items()}
+
+
+def surprise(error: np.ndarray, covariance: np.ndarray) -> dict[str, np.ndarray]:
+    """Squared Mahalanobis distance (F,) of the turn and of the shift: chi-squared with 3 degrees of freedom, if the covariance is right."""
+    return {
+        name: np.einsum("fi,fij,fj->f", error[:, part], np.linalg.inv(covariance[:, part, part]), error[:, part]) for name, part in HALVES.items()
+    }
+
+
+def calibration(error: np.ndarray, covariance: np.ndarray) -> list[float]:
+    """What the deviations of turn and shift have to be multiplied with, so that the 50 % and the 90 % region hold their share of these frames.
+
+    One factor cannot always serve both; it is the geometric mean of the two.
+    """
+    factors = []
+    for squared in surprise(error, covariance).values():
+        ratios = [np.quantile(squared, level) / chi2.ppf(level, 3) for level in (0.5, 0.9)]
+        factors.append(float(np.prod(ratios) ** 0.25))
+    return factors
+
+
+def coverage(error: np.ndarray, covariance: np.ndarray) -> dict[str, list[float]]:
+    """Share of the frames whose error lies in the region claimed to hold LEVELS of them, for turn and shift."""
+    return {name: [float((squared <= chi2.ppf(level, 3)).mean()) for level in LEVELS] for name, squared in surprise(error, covariance).items()}
+
+
+def claimed(covariance: np.ndarray) -> dict[str, np.ndarray]:
+    """The deviation (F,) that a covariance claims: of the turn in degrees, of the shift in metres (root of the trace)."""
+    trace = {name: np.sqrt(np.trace(covariance[:, part, part], axis1=1, axis2=2)) for name, part in HALVES.items()}
+    return {"turn": np.degrees(trace["turn"]), "shift": trace["shift"]}
+
+
+class Hidden(Dataset):
+    """A data set with a grey square over a random place of each crop, `share` of its area. The truth stays."""
+
+    def __init__(self, dataset: Dataset, share: float):
+        self.dataset, self.share = dataset, share
+
+    def __len__(self) -> int:
+        return len(self.dataset)
+
+    def __getitem__(self, i: int) -> dict[str, Tensor]:
+        item = dict(self.dataset[i])
+        size = item["image"].shape[-1]
+        side = round(size * self.share**0.5)
+        if side:
+            x, y = np.random.default_rng([0, i]).integers(0, size - side + 1, 2)
+            item["image"] = item["image"].clone()
+            item["image"][:, y : y + side, x : x + side] = 0.5
+        return item
+
+
+def occlusion(models: dict[str | None, DroneKeyPP], dataset: Dataset) -> list[dict[str, Any]]:
+    """Medians against the hidden share of the crop, of every network; of the geometric one also what it claims."""
+    rows = []
+    for share in HIDDEN:
+        for variant, model in models.items():
+            part = Hidden(dataset, share)
+            row: dict[str, Any] = {"hidden": share, "variant": variant}
+            if model.head is not None:
+                found = answers(model, part, ())
+                frames = found[""]
+                row |= {f"claimed_{name}": float(np.median(v)) for name, v in claimed(found["covariance"]).items()}
+                row["coverage90"] = {name: values[-1] for name, values in coverage(found["error"], found["covariance"]).items()}
+            else:
+                frames = evaluate(model, part)
+            rows.append(row | {"R_deg": float(np.median(frames["R_deg"])), "t_m": float(np.median(frames["t_m"]))})
+    return rows
+
+
+def load(bench: Bench, run: Run, seed: int) -> DroneKeyPP:
+    """A run's network; a geometric one calibrated on the validation flights."""
+    model = DroneKeyPP.from_pretrained(bench.train(run, seed)).to(choose_device(bench.settings(run, seed)[1]))
+    if model.head is not None:
+        seen = answers(model, bench.split("val", run, seed), ())
+        model.decoder.calibration.copy_(torch.tensor(calibration(seen["error"], seen["covariance"])))
+    return model
+
+
+def reproduce(bench: Bench, seeds: int = 1) -> dict[str, Any]:
+    """Train and measure whatever is missing. Returns the recorded result; the calibrated network goes to data_samples/beyond."""
+    bench.render()
+    jobs = [(bench, run, seed) for seed in range(seeds) for run in (PAPERS, GEOMETRIC)] + [(bench, run, 0) for run in WITHOUT.values()]
+    return complete(jobs, Bench.finished, measured, lambda parts: record(bench, parts))
+
+
+def measured(bench: Bench, run: Run, seed: int) -> dict[str, Any]:
+    """One run: rows of its answers and, of a geometric one, how far its covariance can be trusted."""
+    frames = bench.measure(run, seed)[run.variant]
+    found: dict[str, Any] = {"story": bench.story(run, seed), "rows": [], "averages": [], "doubt": [], "occlusion": [], "shapes": []}
+    variants = {run.variant: frames}
+    if run.changes.get("pose") == "geometric":
+        say(f"asking {run.variant} seed {seed}", bench.progress)
+        model, test = load(bench, run, seed), bench.split("test", run, seed)
+        seen = answers(model, test, () if run.without else PARTS)
+        variants |= {title: seen[name] for name, title in PARTS.items() if name in seen}
+        chosen = seen[""]["label"] == DRONES[run.without].index if run.without else np.ones(len(seen["error"]), bool)
+        error, covariance = seen["error"][chosen], seen["covariance"][chosen]
+        found["doubt"] = [{"variant": run.variant, "seed": seed, **plain(doubt(error, covariance, model))}]
+        if run.without:
+            frames = {key: value[chosen] for key, value in seen[""].items()}
+            variants = {run.variant: frames}
+        elif seed == 0:
+            ship(bench, model, bench.folder(run, seed) / METRICS)
+            both = {None: load(bench, PAPERS, seed), run.variant: model}
+            found["occlusion"] = plain(occlusion(both, Subset(test, range(0, len(test), 10))))
+            found["shapes"] = plain(shapes(model))
+    for variant, each in variants.items():
+        rows, means = rows_and_averages(each, method=METHOD, variant=variant, seed=seed)
+        found["rows"] += rows
+        found["averages"] += means
+    return found
+
+
+def doubt(error: np.ndarray, covariance: np.ndarray, model: DroneKeyPP) -> dict[str, Any]:
+    """Coverage; and by tenths of the frames, the surest first: what was claimed and the root mean square of what happened."""
+    claims, found = claimed(covariance), {"calibration": model.decoder.calibration.tolist(), "coverage": coverage(error, covariance), "tenths": {}}
+    for name, part in HALVES.items():
+        happened = np.linalg.norm(error[:, part], axis=1) * (180 / np.pi if name == "turn" else 1)
+        tenths = np.array_split(np.argsort(claims[name]), min(10, len(error)))
+        found["tenths"][name] = [
+            {"claimed": float(np.sqrt(np.mean(claims[name][t] ** 2))), "error": float(np.sqrt(np.mean(happened[t] ** 2)))} for t in tenths
+        ]
+        found[f"claimed_{name}"] = float(np.median(claims[name]))
+    return found
+
+
+def shapes(model: DroneKeyPP) -> list[dict[str, Any]]:
+    """How far the learned hubs of each drone lie from the true ones (root mean square, mm) and the size it believes over the true size."""
+    rows = []
+    for drone, learned in zip(DRONES.values(), model.decoder.shapes.hubs.detach().cpu().numpy(), strict=True):
+        sizes = [np.sqrt(np.square(h - h.mean(axis=0)).sum(axis=1).mean()) for h in (learned, drone.hubs)]
+        off = float(np.sqrt(np.square(learned - drone.hubs).sum(axis=1).mean()))
+        rows.append({"drone": drone.name, "off_mm": 1000 * off, "size_ratio": float(sizes[0] / sizes[1])})
+    return rows
+
+
+def ship(bench: Bench, model: DroneKeyPP, history: Path) -> None:
+    """The calibrated network as float16, and its curve, in data_samples/beyond."""
+    folder = bench.root / "data_samples" / "beyond"
+    model.save_pretrained(folder, half=True)
+    write_beside(folder / METRICS, history.read_bytes())
+
+
+def record(bench: Bench, parts: list[dict[str, Any]]) -> dict[str, Any]:
+    """Write the result, its table and its figures from what there is; returns the result."""
+    joined = {key: [row for part in parts for row in part[key]] for key in ("rows", "averages", "doubt", "occlusion", "shapes")}
+    recorded = result("beyond", bench, [part["story"] for part in parts], **joined)
+    write_result(bench.root, recorded)
+    folder = bench.root / "figures"
+    folder.mkdir(parents=True, exist_ok=True)
+    write_beside(folder / "beyond.md", markdown(recorded).encode())
+    names = side_by_side(recorded)
+    write_figure(folder / "beyond.png", panels(recorded, names, [variant or "the paper's" for _, variant in names], lambda name, key: None))
+    if recorded["doubt"] and recorded["occlusion"]:
+        write_figure(folder / "beyond_doubt.png", draw_doubt(recorded))
+    return recorded
+
+
+def side_by_side(recorded: dict[str, Any]) -> list[tuple[str, str | None]]:
+    """The rows that are about all drones."""
+    return [name for name in methods(recorded) if "without" not in (name[1] or "")]
+
+
+def markdown(recorded: dict[str, Any]) -> str:
+    """Both networks and their parts; then what the covariance is worth."""
+    lines = ["# Beyond the paper: the geometry put back", "", heading(recorded), ""]
+    lines += ["Mean of the 14 columns of Table 3, 95 % interval over them.", ""]
+    lines += ["| | " + " | ".join(title for title, *_ in PRINTED) + " | class | flips | keypoints (px of the crop) |"]
+    lines += ["|---|" + "---:|" * (len(PRINTED) + 3)]
+    for name in side_by_side(recorded):
+        row = average(recorded, *name)
+        cells = [interval(row, key, digits) for _, key, _, digits in PRINTED]
+        cells += [percent(row["class_accuracy"]), percent(row["flip_rate"]), number(row["keypoint_crop_px"], 1)]
+        lines.append(f"| {name[1] or 'the paper’s network'} | {' | '.join(cells)} |")
+    lines += ["", "## What its covariance is worth", ""]
+    lines += ["Share of the frames whose error lies inside the region claimed for 50 % and 90 % of them; test scenes.", ""]
+    lines += ["| | turn 50 % | turn 90 % | shift 50 % | shift 90 % | claimed turn (deg) | claimed shift (m) |", "|---|" + "---:|" * 6]
+    for row in recorded["doubt"]:
+        shares = [percent(row["coverage"][name][LEVELS.index(level)]) for name in HALVES for level in (0.5, 0.9)]
+        lines.append(f"| {row['variant']} | {' | '.join(shares)} | {row['claimed_turn']:.1f} | {row['claimed_shift']:.3f} |")
+    left_out = [row for row in recorded["averages"] if "without" in (row["variant"] or "") and row["over"] == "frames"]
+    if left_out:
+        lines += ["", "## A drone it was never trained on", "", "Its frames of the test scenes, a quarter of the training.", ""]
+        lines += ["| | R MedAE (deg) | t MedAE (m) | predicted / true distance |", "|---|---:|---:|---:|"]
+        lines += [f"| {row['variant']} | {row['R_medae_deg']:.1f} | {row['t_medae_m']:.2f} | {row['distance_ratio']:.2f} |" for row in left_out]
+    return "\n".join(lines) + "\n"
+
+
+def draw_doubt(recorded: dict[str, Any]) -> plt.Figure:
+    """Coverage, claimed against happened, and error against what is hidden."""
+    plots.style()
+    figure, axes = plt.subplots(1, 4, figsize=(13, 3.2))
+    mine = next(row for row in recorded["doubt"] if row["variant"] == GEOMETRIC.variant)
+    for name, marker in zip(HALVES, "os", strict=True):
+        axes[0].plot(LEVELS, mine["coverage"][name], f"{marker}-", label=name)
+    axes[0].plot([0, 1], [0, 1], color="grey", linestyle="--", linewidth=1)
+    axes[0].set(xlabel="claimed share of frames inside", ylabel="share inside", title="coverage", xlim=(0, 1), ylim=(0, 1))
+    axes[0].legend()
+    for ax, name, unit in ((axes[1], "turn", "degrees"), (axes[2], "shift", "m")):
+        claims, errors = ([tenth[key] for tenth in mine["tenths"][name]] for key in ("claimed", "error"))
+        ax.loglog(claims, errors, "o-")
+        low, high = min(claims + errors), max(claims + errors)
+        ax.plot([low, high], [low, high], color="grey", linestyle="--", linewidth=1)
+        ax.set(xlabel=f"claimed deviation, {unit}", ylabel=f"error, {unit}", title=f"{name}: tenths of the frames")
+    for variant, style in ((None, "s--"), (GEOMETRIC.variant, "o-")):
+        rows = [row for row in recorded["occlusion"] if row["variant"] == variant]
+        axes[3].plot([100 * row["hidden"] for row in rows], [row["R_deg"] for row in rows], style, label=variant or "the paper's")
+    axes[3].set(xlabel="hidden, % of the crop", ylabel="rotation MedAE, degrees", ylim=(0, None), title="occlusion")
+    axes[3].legend()
+    return figure
