@@ -11,8 +11,11 @@ from dronekeypp.errors import InputError
 from dronekeypp.export import OUTPUTS, OnnxNetwork, export, largest_differences, load_checkpoint
 from dronekeypp.model import ModelConfig
 
+GEOMETRIC = {"rays": "split", "pose": "geometric"}
+SWITCHES = {"rays": "split", "rotation": "allocentric", "translation": "site", "keypoint_head": "heatmap"}
 
-@pytest.mark.parametrize("changes", [{}, {"rays": "split", "rotation": "allocentric", "translation": "site", "keypoint_head": "heatmap"}])
+
+@pytest.mark.parametrize("changes", [{}, SWITCHES, GEOMETRIC])
 def test_it_answers_as_the_network_does(changes, tmp_path):
     pytest.importorskip("onnxscript")
     path = export(saved(tmp_path / "net", **changes), tmp_path / "net.onnx")
@@ -21,7 +24,8 @@ def test_it_answers_as_the_network_does(changes, tmp_path):
     assert exported.config == network.config
     found = largest_differences(network, exported, FakeDrones(7), batch=3)  # batches of 3, 3 and 1
     assert set(found) == set(OUTPUTS)
-    assert all(value < 1e-3 for value in found.values()) and found["R"] < 1e-4 and max(found.values()) > 0
+    loose = 1e-2 if "pose" in changes else 1e-3  # an untrained network's keypoints coincide: metres away, and badly conditioned
+    assert all(value < loose for value in found.values()) and found["R"] < 1e-4 and max(found.values()) > 0
 
 
 def test_predict_takes_it(tmp_path, capsys):

@@ -23,7 +23,7 @@ from dronekeypp.model.encoder import cell_centres
 
 WIDTH = 64  # channels of the sharp head
 NEAREST = 0.05  # m: a hub behind the camera is treated as this far before it, so that a search can find its way back
-STEPS = 6  # of the search without gradients; one with them follows
+STEPS = 5  # of the search without gradients; one with them follows
 DAMPING = 1e-3  # share of its own diagonal that is added to the normal matrix
 KEYPOINT_SIGMA = (0.002, 0.5)  # crop units, of one keypoint: what may be claimed
 ANGLE_SIGMA = (0.01, 3.0)  # radians, of the direct branch
@@ -31,14 +31,15 @@ DISTANCE_SIGMA = (0.005, 1.0)  # share of the depth, of the direct branch
 
 
 class SharpHead(nn.Module):
-    """Feature maps at three strides -> keypoints (B, 4, 2) and their standard deviation (B, 4), both in crop units.
+    """Feature maps at three strides -> keypoints (B, 4, 2) and their standard deviation (B, 4), both in crop units; class evidence (B, classes).
 
     The coarse map knows which propeller is which, the fine one where exactly it is. Each is brought to WIDTH channels and added to the enlarged
     coarser one (feature pyramid, Lin et al., CVPR 2017). Then every cell of the fine map says how much it looks like each keypoint, and a
-    keypoint is the mean place (soft-argmax). Its deviation is read from the features there and from how wide its map is.
+    keypoint is the mean place (soft-argmax). Its deviation is read from the features there and from how wide its map is. How propellers and arms
+    look from close by tells similar drones apart: that evidence is added to the class logits of Eq. 5.
     """
 
-    def __init__(self, channels: tuple[int, int, int], side: int):
+    def __init__(self, channels: tuple[int, int, int], side: int, classes: int):
         super().__init__()
         self.lateral = nn.ModuleList(nn.Conv2d(c, WIDTH, 1) for c in channels)
         self.smooth = nn.ModuleList(
@@ -47,6 +48,7 @@ class SharpHead(nn.Module):
         self.to_heatmap = nn.Conv2d(WIDTH, 4, 1, bias=False)
         self.to_sigma = nn.Sequential(nn.Linear(WIDTH + 1, 32), nn.ReLU(), nn.Linear(32, 1))
         nn.init.constant_(self.to_sigma[-1].bias, math.log(0.03))
+        self.to_class = nn.Linear(4 * WIDTH, classes)
         self.register_buffer("centres", cell_centres(side), persistent=False)  # (M, 2)
         self.to(memory_format=torch.channels_last)
 
@@ -60,7 +62,8 @@ class SharpHead(nn.Module):
         spread = (heat * apart).sum(dim=-1, keepdim=True) + 1e-6  # (B, 4, 1)
         there = heat @ x.flatten(2).transpose(1, 2)  # (B, 4, W)
         log_sigma = self.to_sigma(torch.cat([there, 0.5 * spread.log()], dim=2)).squeeze(2)
-        return {"keypoints": keypoints, "keypoint_sigma": bounded(log_sigma, KEYPOINT_SIGMA)}
+        evidence = self.to_class(there.flatten(1))  # (B, classes)
+        return {"keypoints": keypoints, "keypoint_sigma": bounded(log_sigma, KEYPOINT_SIGMA), "class_evidence": evidence}
 
 
 def bounded(log_value: Tensor, limits: tuple[float, float]) -> Tensor:
@@ -137,15 +140,19 @@ def mirror(v: Tensor) -> Tensor:
 
 
 def solve(H: Tensor, b: Tensor) -> Tensor:
-    """x with H x = b for symmetric positive definite H (B, n, n) and b (B, n, m): Gauss-Jordan, written out so that ONNX knows every step."""
-    n = H.shape[1]
-    rows = torch.cat([H, b], dim=2)  # (B, n, n + m)
-    for i in range(n):
-        pivot = rows[:, i : i + 1] / rows[:, i : i + 1, i : i + 1]  # (B, 1, n + m)
-        others = rows[:, :, i : i + 1] * rows.new_tensor([float(k != i) for k in range(n)])[:, None]  # (B, n, 1), nothing of row i itself
-        rows = rows - others * pivot
-        rows = torch.cat([rows[:, :i], pivot, rows[:, i + 1 :]], dim=1)
-    return rows[:, :, n:]
+    """x with H x = b for symmetric positive definite H (B, 6, 6) and b (B, 6, m), by blocks of 3: few steps, all of which ONNX knows."""
+    A, across, C = H[:, :3, :3], H[:, :3, 3:], H[:, 3:, 3:]
+    inverse_A = inverse(A)
+    down = across.transpose(1, 2) @ inverse_A  # (B, 3, 3)
+    second = inverse(C - down @ across) @ (b[:, 3:] - down @ b[:, :3])  # C - down @ across: the Schur complement of A
+    return torch.cat([inverse_A @ (b[:, :3] - across @ second), second], dim=1)
+
+
+def inverse(M: Tensor) -> Tensor:
+    """Of 3 x 3 matrices (B, 3, 3): the cross products of their rows, as columns, over the determinant."""
+    rows, following = M, M[:, [1, 2, 0]]
+    crosses = torch.linalg.cross(following, M[:, [2, 0, 1]])  # row i: rows i+1 and i+2
+    return crosses.transpose(1, 2) / (rows[:, :1] * crosses[:, :1]).sum(dim=2, keepdim=True)
 
 
 class Problem:
@@ -156,8 +163,15 @@ class Problem:
 
     def __init__(self, hubs, rays, ray_sigma, R0, t0, angle_sigma, distance_sigma):
         self.hubs, self.rays, self.R0, self.t0 = hubs, rays, R0, t0
-        prior = torch.stack([angle_sigma, distance_sigma], dim=1).repeat_interleave(3, dim=1)  # (B, 6)
+        prior = torch.stack([angle_sigma] * 3 + [distance_sigma] * 3, dim=1)  # (B, 6)
         self.weights = torch.cat([ray_sigma.flatten(1), prior], dim=1).pow(-2)  # (B, 8 + 6)
+
+    def twice(self) -> Problem:
+        """The same problems once more behind themselves, (2 B), for a second start each."""
+        other = object.__new__(Problem)
+        for name, value in vars(self).items():
+            setattr(other, name, torch.cat([value, value]))
+        return other
 
     def residuals(self, R: Tensor, t: Tensor) -> tuple[Tensor, Tensor]:
         """Residuals (B, 14) and their derivative (B, 14, 6) by a small turn on the left of R and a small shift of t."""
@@ -168,7 +182,7 @@ class Problem:
         seen = torch.stack([x, y], dim=2) / z[..., None]  # (B, 4, 2)
         by_point = torch.stack([1 / z, zero, -x / z.square(), zero, 1 / z, -y / z.square()], dim=2).unflatten(2, (2, 3))  # (B, 4, 2, 3)
         by_pose = torch.cat([-(by_point @ cross_matrix(turned)), by_point], dim=3).flatten(1, 2)  # (B, 8, 6)
-        eye = torch.eye(6, dtype=t.dtype, device=t.device).expand(len(t), 6, 6)
+        eye = torch.eye(6, dtype=t.dtype, device=t.device).expand(t.shape[0], 6, 6)
         residual = torch.cat([(seen - self.rays).flatten(1), chord(R, self.R0), t - self.t0], dim=1)
         return residual, torch.cat([by_pose, eye], dim=1)
 
@@ -195,17 +209,16 @@ def refine(problem: Problem) -> dict[str, Tensor]:
     and shift to the other one, and the share (B,) of belief that it deserves.
     """
     with torch.no_grad():
-        starts = [(problem.R0, problem.t0), flipped(problem.R0, problem.t0, problem.hubs)]
-        ends, costs = [], []
-        for R, t in starts:
-            for _ in range(STEPS):
-                R, t = problem.step(R, t, DAMPING)
-            ends.append((R, t))
-            costs.append(problem.normal_equations(R, t)[0])
-        cost = torch.stack(costs, dim=1)  # (B, 2)
+        starts = zip((problem.R0, problem.t0), flipped(problem.R0, problem.t0, problem.hubs), strict=True)
+        (R, t), both = (torch.cat(pair) for pair in starts), problem.twice()
+        for _ in range(STEPS):
+            R, t = both.step(R, t, DAMPING)
+        B, ends = problem.t0.shape[0], both.normal_equations(R, t)[0]
+        cost = torch.stack([ends[:B], ends[B:]], dim=1)  # (B, 2)
+        ends_R, ends_t = (R[:B], R[B:]), (t[:B], t[B:])
         second = (cost[:, 1] < cost[:, 0])[:, None]
-        R, other_R = (torch.where(second[..., None] == turn, ends[0][0], ends[1][0]) for turn in (False, True))
-        t, other_t = (torch.where(second == turn, ends[0][1], ends[1][1]) for turn in (False, True))
+        R, other_R = (torch.where(second[..., None] == turn, *ends_R) for turn in (False, True))
+        t, other_t = (torch.where(second == turn, *ends_t) for turn in (False, True))
         apart = torch.cat([chord(other_R, R), other_t - t], dim=1)  # (B, 6)
         share = torch.sigmoid(-(cost[:, 0] - cost[:, 1]).abs())  # of the other pose, if both costs are log-likelihoods
     R, t = problem.step(R, t, 0.0)
