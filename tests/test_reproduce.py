@@ -174,8 +174,12 @@ def test_an_ablation_has_every_row_and_seed(ablated):
     assert recorded == read_result("table5", root)
     gates = [story.get("gate") for story in recorded["runs"]]
     assert all(sum(gate) == pytest.approx(1, abs=1e-3) for gate in gates)
+    for story in recorded["runs"]:
+        own = [row for row in recorded["averages"] if (row["variant"], row["seed"], row["over"]) == (story["variant"], story["seed"], "frames")]
+        assert story["keypoints"]["its own"]["t_m"] == pytest.approx(own[0]["t_medae_m"], rel=1e-4)
+        assert story["keypoints"]["true"]["t_m"] != story["keypoints"]["its own"]["t_m"]
     text = (root / "figures" / "table5.md").read_text()
-    assert "(17.34)" in text and "not told apart" in text and text.count("| (1) only MLP_pose |") == 2
+    assert "(17.34)" in text and "not told apart" in text and text.count("| (1) only MLP_pose |") == 3
     rows = list(csv.DictReader(open(root / "figures" / "table5.csv")))
     assert len(rows) == 4 * (5 * 3 + 4)  # five metrics, three seeds; the paper prints four
     assert (root / "figures" / "table5.png").stat().st_size > 10_000
