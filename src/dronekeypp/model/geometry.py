@@ -31,15 +31,14 @@ DISTANCE_SIGMA = (0.005, 1.0)  # share of the depth, of the direct branch
 
 
 class SharpHead(nn.Module):
-    """Feature maps at three strides -> keypoints (B, 4, 2) and their standard deviation (B, 4), both in crop units; class evidence (B, classes).
+    """Feature maps at three strides -> keypoints (B, 4, 2) and their standard deviation (B, 4), both in crop units.
 
     The coarse map knows which propeller is which, the fine one where exactly it is. Each is brought to WIDTH channels and added to the enlarged
     coarser one (feature pyramid, Lin et al., CVPR 2017). Then every cell of the fine map says how much it looks like each keypoint, and a
-    keypoint is the mean place (soft-argmax). Its deviation is read from the features there and from how wide its map is. How propellers and arms
-    look from close by tells similar drones apart: that evidence is added to the class logits of Eq. 5.
+    keypoint is the mean place (soft-argmax). Its deviation is read from the features there and from how wide its map is.
     """
 
-    def __init__(self, channels: tuple[int, int, int], side: int, classes: int):
+    def __init__(self, channels: tuple[int, int, int], side: int):
         super().__init__()
         self.lateral = nn.ModuleList(nn.Conv2d(c, WIDTH, 1) for c in channels)
         self.smooth = nn.ModuleList(
@@ -48,7 +47,6 @@ class SharpHead(nn.Module):
         self.to_heatmap = nn.Conv2d(WIDTH, 4, 1, bias=False)
         self.to_sigma = nn.Sequential(nn.Linear(WIDTH + 1, 32), nn.ReLU(), nn.Linear(32, 1))
         nn.init.constant_(self.to_sigma[-1].bias, math.log(0.03))
-        self.to_class = nn.Linear(4 * WIDTH, classes)
         self.register_buffer("centres", cell_centres(side), persistent=False)  # (M, 2)
         self.to(memory_format=torch.channels_last)
 
@@ -62,8 +60,7 @@ class SharpHead(nn.Module):
         spread = (heat * apart).sum(dim=-1, keepdim=True) + 1e-6  # (B, 4, 1)
         there = heat @ x.flatten(2).transpose(1, 2)  # (B, 4, W)
         log_sigma = self.to_sigma(torch.cat([there, 0.5 * spread.log()], dim=2)).squeeze(2)
-        evidence = self.to_class(there.flatten(1))  # (B, classes)
-        return {"keypoints": keypoints, "keypoint_sigma": bounded(log_sigma, KEYPOINT_SIGMA), "class_evidence": evidence}
+        return {"keypoints": keypoints, "keypoint_sigma": bounded(log_sigma, KEYPOINT_SIGMA)}
 
 
 def bounded(log_value: Tensor, limits: tuple[float, float]) -> Tensor:

@@ -34,7 +34,7 @@ class DroneKeyPP(PoseNetwork):
             self.backbone = Backbone(self.config, load=load_backbone)
             self.encoder = KeypointEncoder(self.config, self.backbone.channels)
         if self.config.pose == "geometric":
-            self.head = SharpHead(self.backbone.pyramid_channels, self.config.image_size // 4, self.config.classes)
+            self.head = SharpHead(self.backbone.pyramid_channels, self.config.image_size // 4)
             self.decoder = GeometricDecoder(self.config)
         else:
             self.head, self.decoder = None, PoseDecoder(self.config)
@@ -47,9 +47,7 @@ class DroneKeyPP(PoseNetwork):
         levels = self.backbone.pyramid(image)
         encoded = self.encoder(levels[-1])
         if self.head is not None:
-            sharp = self.head(levels)
-            logits = encoded["class_logits"] + sharp.pop("class_evidence")
-            encoded = {**encoded, "coarse_keypoints": encoded["keypoints"], **sharp, "class_logits": logits}
+            encoded = {**encoded, "coarse_keypoints": encoded["keypoints"], **self.head(levels)}
         return encoded
 
     def decode(self, encoded: dict[str, Tensor], probs: Tensor, K: Tensor, square: Tensor) -> dict[str, Tensor | None]:
