@@ -181,7 +181,7 @@ def summarise(frames: dict[str, np.ndarray], names: Sequence[str] | None = None,
     return rows
 
 
-def averages(frames: dict[str, np.ndarray], draws: int = 1000, seed: int = 0, **labels) -> list[dict]:
+def averages(frames: dict[str, np.ndarray], draws: int = 1000, **labels) -> list[dict]:
     """Two rows: "over": "rows" (mean of the scene-and-drone rows, as a table's last column) and "over": "frames".
 
     Both carry 95 % bootstrap intervals, KEY_ci95: [low, high]. Frames of a flight resemble each other, so frames are never drawn: the first
@@ -193,7 +193,7 @@ def averages(frames: dict[str, np.ndarray], draws: int = 1000, seed: int = 0, **
     keys = np.stack([frames["scene"], frames["label"], frames["subsequence"]], axis=1)
     _, group = np.unique(keys, axis=0, return_inverse=True)
     members = [np.flatnonzero(group.ravel() == g) for g in range(group.max() + 1)]
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng(0)
     drawn: dict[str, list[float]] = {name: [] for name in INTERVALS}
     for _ in range(draws):
         chosen = np.concatenate([members[g] for g in generator.integers(len(members), size=len(members))])
@@ -201,7 +201,7 @@ def averages(frames: dict[str, np.ndarray], draws: int = 1000, seed: int = 0, **
             drawn[name].append(float(MEASURES[name]({key: v[chosen] for key, v in _of(frames, name).items()})))
     intervals = {f"{name}_ci95": percentiles(v) for name, v in drawn.items() if np.isfinite(v).all()}
     columns = {name: [row[name] for row in rows] for name in MEASURES}
-    by_rows |= {f"{name}_ci95": interval_of_mean(v, draws, seed) for name, v in columns.items() if np.isfinite(v).all()}
+    by_rows |= {f"{name}_ci95": interval_of_mean(v, draws) for name, v in columns.items() if np.isfinite(v).all()}
     n = len(frames["label"])
     return [
         {**labels, "over": "rows", "rows": len(rows), "frames": n, **by_rows},
