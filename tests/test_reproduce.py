@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
+import torchvision
 from conftest import paint_environments
 from fakes import tiny
 from scipy.spatial.transform import Rotation
@@ -291,8 +292,12 @@ def real_frames(folder, n=36, videos=12):
     return folder
 
 
-def test_figure_6(finished, tmp_path):
+def test_figure_6(finished, tmp_path, monkeypatch):
     _, data, _ = finished
+    monkeypatch.setenv("TORCH_HOME", str(tmp_path / "torch"))  # as if ImageNet's weights had been downloaded
+    (tmp_path / "torch" / "hub" / "checkpoints").mkdir(parents=True)
+    torch.manual_seed(0)
+    torch.save(torchvision.models.resnet18().state_dict(), tmp_path / "torch" / "hub" / "checkpoints" / "resnet18-f37072fd.pth")
     real, photographs = real_frames(tmp_path / "real"), paint_environments(tmp_path / "photographs", seed=6)
     where = dict(root=tmp_path, data=shutil.copytree(data, tmp_path / "data"), stride=STRIDE, progress=False)
     recorded = reproduce("figure6", real=real, photographs=photographs, **where)
@@ -302,6 +307,7 @@ def test_figure_6(finished, tmp_path):
         for key in figure6.MEASURES:
             assert row[f"{key}_ci95"][0] <= row[key] <= row[f"{key}_ci95"][1]
         assert (row["auc"] > 0.9) == (row["set"] != "real")  # noise is not a drone, and looks like noise
+    assert list(recorded["variance_kept"]) == ["descriptor", "backbone", "imagenet"]
     assert len(recorded["answers"]) == 10
     for row in recorded["answers"]:
         assert row["doubt_px"] > 0 and 1 / 7 < row["class_probability"] < 1 and sum(row["named"].values()) == (36 if row["set"] == "real" else 42)

@@ -3,7 +3,8 @@
 The paper reads realism off two scatter plots. Here they stand beside four distances to the real frames, each with an interval.
 
 With `--real DIR` everything is measured from pictures; without it, from the features an earlier call recorded in
-data_samples/results/figure6_features.npz (numbers: no picture can be made from them).
+data_samples/results/figure6_features.npz (numbers: no picture can be made from them). ImageNet features join in where torchvision has once
+downloaded the weights of its ResNet-18.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import cv2
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
+import torchvision
 from scipy.spatial.distance import cdist
 from sklearn.decomposition import PCA
 from sklearn.manifold import TSNE
@@ -33,7 +35,6 @@ from dronekeypp.evaluate import frame_errors, plain
 from dronekeypp.files import write_beside
 from dronekeypp.footage import read_picture
 from dronekeypp.model import Backbone, DroneKeyPP, ModelConfig
-from dronekeypp.model.backbone import IMAGENET
 from dronekeypp.predict import mirror_doubt
 from dronekeypp.realism import auc, backbone_features, covered, descriptor, frechet, held_out_scores, interval, kernel_mmd
 from dronekeypp.reproduce import ablations
@@ -170,9 +171,8 @@ def from_pictures(bench: Bench, real: Path) -> tuple[dict[str, np.ndarray], list
         "descriptor": descriptor,
         "backbone": lambda images: backbone_features(shipped.backbone, images),
     }
-    if (Path(torch.hub.get_dir()) / "checkpoints" / "resnet18-f37072fd.pth").is_file():  # whoever has downloaded it once
+    if (Path(torch.hub.get_dir()) / "checkpoints" / Path(torchvision.models.ResNet18_Weights.IMAGENET1K_V1.url).name).is_file():
         imagenet = Backbone(ModelConfig(backbone="resnet18", backbone_weights="imagenet"))
-        assert "resnet18" in IMAGENET
         extract["imagenet"] = lambda images: backbone_features(imagenet, images)
     sets, datasets = {"real": real_pictures(real, size)}, {}
     sources = {"plain": paint_plain(bench.root / "data" / "plain"), "drawn": bench.environments, "photographs": bench.photographs}
