@@ -7,7 +7,7 @@ from torch.utils.data import default_collate
 
 from dronekeypp.errors import InputError
 from dronekeypp.model import DroneKeyPP, ModelConfig, geometry
-from dronekeypp.model.losses import geometric_loss_terms
+from dronekeypp.model.losses import likelihood
 from dronekeypp.rotations import geodesic_degrees
 
 FAR = 100.0  # a prior that says nothing
@@ -176,8 +176,6 @@ def test_every_part_learns(network):
 def test_doubt_does_not_pay_with_accuracy():
     """The likelihood of an error teaches the sigma and leaves the answer alone."""
     error, sigma = torch.tensor([0.04, 0.01], requires_grad=True), torch.tensor([0.1, 0.1], requires_grad=True)
-    from dronekeypp.model.losses import likelihood
-
     likelihood(error, sigma, 2).backward()
     assert error.grad is None and (sigma.grad != 0).all()
     best = torch.tensor(0.05 ** 0.5, requires_grad=True)  # two dimensions: half of the squared error each
@@ -196,4 +194,3 @@ def test_a_checkpoint_comes_back(network, tmp_path):
 def test_it_needs_a_picture():
     with pytest.raises(InputError, match="pose=geometric needs an encoder"):
         ModelConfig(pose="geometric", encoder="truth")
-    assert callable(geometric_loss_terms)

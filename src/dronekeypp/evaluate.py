@@ -91,7 +91,7 @@ def frame_errors(output: dict, batch: dict) -> dict[str, np.ndarray]:
         "keypoints": output["keypoints"] if has["keypoints"] else nothing[:, None, None].expand(-1, 4, 2),
     }
     if output.get("cr") is not None:
-        errors |= {"gate": output["gate"], "layer_spread": layer_spread({**output, "keypoints": output.get("coarse_keypoints", output["keypoints"])})}
+        errors |= {"gate": output["gate"], "layer_spread": layer_spread(output)}
     for name in ("scene", "frame", "subsequence"):
         errors[name] = batch[name]
     return {name: value.detach().cpu().numpy() for name, value in errors.items()}

@@ -145,8 +145,9 @@ class KeypointEncoder(nn.Module):
 def layer_spread(encoded: dict[str, Tensor]) -> Tensor:
     """How far the layers' keypoints of Eq. 2 lie from their gated sum (B,): root mean square with the gate's weights, crop units.
 
-    `encoded` holds cr (B, N, 4, 2), gate (B, N) and keypoints (B, 4, 2). Not a sign of doubt: on the test flights it
-    does not grow with the error. See `predict.mirror_doubt`.
+    `encoded` holds cr (B, N, 4, 2), gate (B, N) and keypoints (B, 4, 2), or coarse_keypoints beside sharper ones. Not a
+    sign of doubt: on the test flights it does not grow with the error. See `predict.mirror_doubt`.
     """
-    apart = (encoded["cr"] - encoded["keypoints"][:, None]).square().sum(dim=-1).mean(dim=-1)  # (B, N)
+    mixed = encoded.get("coarse_keypoints", encoded["keypoints"])
+    apart = (encoded["cr"] - mixed[:, None]).square().sum(dim=-1).mean(dim=-1)  # (B, N)
     return (encoded["gate"] * apart).sum(dim=-1).sqrt()

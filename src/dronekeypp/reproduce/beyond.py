@@ -23,6 +23,7 @@ from dronekeypp.evaluate import evaluate, frame_errors, plain, to_device
 from dronekeypp.files import write_beside
 from dronekeypp.model import DroneKeyPP
 from dronekeypp.model.geometry import chord
+from dronekeypp.reproduce.priors import radius
 from dronekeypp.reproduce.runner import Bench, Run, complete, result, rows_and_averages, say, write_result
 from dronekeypp.reproduce.tables import PRINTED, average, heading, interval, methods, number, panels, percent, write_figure
 from dronekeypp.sixdronesyn.drones import DRONES
@@ -165,21 +166,20 @@ def reproduce(bench: Bench, seeds: int = 1) -> dict[str, Any]:
 
 def measured(bench: Bench, run: Run, seed: int) -> dict[str, Any]:
     """One run: rows of its answers and, of a geometric one, how far its covariance can be trusted."""
-    frames = bench.measure(run, seed)[run.variant]
+    bench.train(run, seed)
     found: dict[str, Any] = {"story": bench.story(run, seed), "rows": [], "averages": [], "doubt": [], "occlusion": [], "shapes": []}
-    variants = {run.variant: frames}
-    if run.changes.get("pose") == "geometric":
+    if run is PAPERS:
+        variants = bench.measure(run, seed)
+    else:
         say(f"asking {run.variant} seed {seed}", bench.progress)
         model, test = load(bench, run, seed), bench.split("test", run, seed)
         seen = answers(model, test, () if run.without else PARTS)
-        variants |= {title: seen[name] for name, title in PARTS.items() if name in seen}
         chosen = seen[""]["label"] == DRONES[run.without].index if run.without else np.ones(len(seen["error"]), bool)
         error, covariance = seen["error"][chosen], seen["covariance"][chosen]
         found["doubt"] = [{"variant": run.variant, "seed": seed, **plain(doubt(error, covariance, model))}]
-        if run.without:
-            frames = {key: value[chosen] for key, value in seen[""].items()}
-            variants = {run.variant: frames}
-        elif seed == 0:
+        variants = {run.variant: {key: value[chosen] for key, value in seen[""].items()}}
+        variants |= {title: seen[name] for name, title in PARTS.items() if name in seen}
+        if seed == 0 and not run.without:
             ship(bench, model, bench.folder(run, seed) / METRICS)
             both = {None: load(bench, PAPERS, seed), run.variant: model}
             found["occlusion"] = plain(occlusion(both, Subset(test, range(0, len(test), 10))))
@@ -208,9 +208,8 @@ def shapes(model: DroneKeyPP) -> list[dict[str, Any]]:
     """How far the learned hubs of each drone lie from the true ones (root mean square, mm) and the size it believes over the true size."""
     rows = []
     for drone, learned in zip(DRONES.values(), model.decoder.shapes.hubs.detach().cpu().numpy(), strict=True):
-        sizes = [np.sqrt(np.square(h - h.mean(axis=0)).sum(axis=1).mean()) for h in (learned, drone.hubs)]
         off = float(np.sqrt(np.square(learned - drone.hubs).sum(axis=1).mean()))
-        rows.append({"drone": drone.name, "off_mm": 1000 * off, "size_ratio": float(sizes[0] / sizes[1])})
+        rows.append({"drone": drone.name, "off_mm": 1000 * off, "size_ratio": radius(learned) / radius(drone.hubs)})
     return rows
 
 

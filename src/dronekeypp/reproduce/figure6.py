@@ -47,6 +47,7 @@ from dronekeypp.sixdronesyn.generate import generate
 from dronekeypp.sixdronesyn.scenes import SCENES, count_frames
 from dronekeypp.train import BEST
 
+FEATURES = "data_samples/results/figure6_features.npz"  # below the root
 PICTURES = 500  # of a made set, evenly spaced over the test flights
 TEST = [number for number, scene in SCENES.items() if scene.split == "test"]
 COMPONENTS = 32  # principal components the distances are measured in
@@ -59,7 +60,7 @@ SETS = {
     "photographs": ("ours, photographed places", "#CC79A7", "D"),
 }
 # A made set once more, with the same drones and places: as small as the real ones, and as a small, compressed video shows them.
-VERSIONS = {"": "as made", " small": "as small as the real ones", " degraded": "small, noisy, compressed"}
+VERSIONS = {"": "as made", " small": "as small as real ones", " degraded": "small, noisy, compressed"}
 MEASURES = {"frechet": "Fréchet distance", "mmd": "MMD²", "auc": "AUC of a linear classifier", "coverage": "coverage of the real frames"}
 KINDS = {"descriptor": "training-free descriptor", "backbone": "our backbone", "imagenet": "ResNet-18 of ImageNet"}
 MAPS = ((30, 0), (30, 1), (10, 0), (100, 0))  # t-SNE: perplexity, seed; the first is drawn
@@ -342,11 +343,10 @@ def reproduce(bench: Bench) -> dict[str, Any]:
     Raises:
         InputError: real frames that cannot be read, or neither pictures nor recorded features.
     """
-    store = "data_samples/results/figure6_features.npz"
     if bench.real is not None:
         arrays, answers, datasets = from_pictures(bench, bench.real)
-        (bench.root / store).parent.mkdir(parents=True, exist_ok=True)
-        write_npz(bench.root / store, arrays)
+        (bench.root / FEATURES).parent.mkdir(parents=True, exist_ok=True)
+        write_npz(bench.root / FEATURES, arrays)
     else:
         earlier = read_result("figure6", bench.root)
         arrays, answers, datasets = read_features(bench.root), earlier["answers"], earlier["datasets"]
@@ -377,7 +377,7 @@ def reproduce(bench: Bench) -> dict[str, Any]:
 
 def read_features(root: Path | None = None) -> dict[str, np.ndarray]:
     """The recorded features, from `root` or the repository: "SET/KIND" (n, D) float16 and "SET/groups" (n,)."""
-    path = (root or Path(__file__).parents[3]) / "data_samples" / "results" / "figure6_features.npz"
+    path = (root or Path(__file__).parents[3]) / FEATURES
     if not path.is_file():
         raise InputError(f"{path} not found: make it with `python -m dronekeypp reproduce figure6 --real DIR`")
     with np.load(io.BytesIO(path.read_bytes())) as stored:
@@ -476,4 +476,4 @@ def draw_distances(recorded: dict[str, Any]) -> plt.Figure:
 def short_label(name: str) -> str:
     """Of a set or one of its versions, for an axis."""
     base, _, version = name.partition(" ")
-    return {"small": "as small as real ones", "degraded": "small, noisy, compressed"}[version] if version else set_label(base)
+    return VERSIONS[" " + version] if version else set_label(base)

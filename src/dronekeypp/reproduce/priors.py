@@ -28,8 +28,12 @@ WITHOUT = {name: Run(DroneKeyPP.method, f"without {name}", without=name) for nam
 
 
 def hub_radius(name: str) -> float:
-    """Size of a drone in one number: root mean square distance of its hubs from their middle, metres."""
-    hubs = DRONES[name].hubs
+    """Size of a drone in one number, metres."""
+    return radius(DRONES[name].hubs)
+
+
+def radius(hubs: np.ndarray) -> float:
+    """Root mean square distance of hubs (4, 3) from their middle."""
     return float(np.sqrt(np.square(hubs - hubs.mean(axis=0)).sum(axis=1).mean()))
 
 
