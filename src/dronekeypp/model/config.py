@@ -110,6 +110,7 @@ class ModelConfig(Settings):
     keypoint_head: str = "linear"  # Eq. 2: "linear" in the pooled tokens (paper) | "heatmap" over the tokens, soft-argmax
     layer_input: str = "previous"  # Eq. 1 "previous" layer's output | "same" X^(0) for every layer (DroneKey's code)
     encoder: str = "learned"  # "truth": no encoder, true keypoints and one-hot class go to the decoder (Table 4)
+    classifier: str = "cls"  # Eq. 5: the "cls" token's (paper) | "features": the backbone's, pooled, which it may not change (see network.py)
     use_rays: bool = True  # False: the decoder sees the crop coordinates, flattened (Table 5, row 1)
     use_class: bool = True  # False: no class embedding (Table 5, rows 1-3)
     use_3d: bool = True  # False: no MLP_3D (Table 5, rows 1-2)
@@ -130,6 +131,7 @@ class ModelConfig(Settings):
         "keypoint_head": ("linear", "heatmap"),
         "layer_input": ("previous", "same"),
         "encoder": ("learned", "truth"),
+        "classifier": ("cls", "features"),
         "rays": ("raw", "standardised", "split"),
         "rotation": ("euler", "sixd", "allocentric"),
         "translation": ("metres", "site"),

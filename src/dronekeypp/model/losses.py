@@ -17,6 +17,7 @@ DECODER_TERMS = ("L_3D", "L_rot", "L_trans")  # Eq. 11
 TERMS = ENCODER_TERMS + DECODER_TERMS
 SURENESS = 0.01  # weight of the likelihoods of `geometric_loss_terms`
 DISTANT = 0.5  # m
+KEYPOINT_NEAR = 0.02  # crop units, 2 of 96 px: what most keypoints reach
 SCHEDULES = ("equal", "tanh", "shifted", "biased")
 
 
@@ -55,16 +56,18 @@ def loss_terms(output: dict, batch: dict, keypoint_unit: float = 1.0) -> dict[st
 def geometric_loss_terms(output: dict, batch: dict, keypoint_unit: float = 1.0) -> dict[str, Tensor]:
     """The same five terms for `pose="geometric"` (see geometry.py), which answers twice: a first guess and the refined pose.
 
-    L_2D: MSE of the sharp and of the encoder's own keypoints · L_rot, L_trans: MSE of the direct branch's and of the refined pose · L_3D: MSE of
-    the hubs as the refined pose has them, which teaches the shapes. A pose can be far off while the network is young; metres count with their
-    square only up to DISTANT. Every sigma learns by the Gaussian likelihood of the error it stands for; that error is
-    taken as given, so that no branch pays for its doubts with its accuracy.
+    L_2D: absolute error of the sharp and of the encoder's own keypoints, which pulls as hard as the paper's squares do at KEYPOINT_NEAR: from near
+    still, and from far no harder (Sun et al., ECCV 2018) · L_rot, L_trans: MSE of the direct branch's and of the refined pose · L_3D: MSE of the
+    hubs as the refined pose has them, which teaches the shapes. A pose can be far off while the network is young; metres count with their square
+    only up to DISTANT. Every sigma learns by the Gaussian likelihood of the error it stands for; that error is taken as given, so that no branch
+    pays for its doubts with its accuracy.
     """
     near = partial(smooth_l1_loss, beta=DISTANT)
     off = (output["keypoints"] - batch["keypoints"]).square().sum(dim=2)  # (B, 4)
     turned = rotations.geodesic_degrees(output["R_direct"], batch["R"]).deg2rad().square()  # (B,)
     moved = (output["t_direct"] - batch["t"]).square().sum(dim=1) / batch["t"][:, 2].square()  # (B,) as shares of the distance
-    keypoints = sum(mse_loss(output[name], batch["keypoints"]) for name in ("keypoints", "coarse_keypoints"))
+    steep = partial(smooth_l1_loss, beta=KEYPOINT_NEAR / 4)
+    keypoints = 2 * KEYPOINT_NEAR * sum(steep(output[name], batch["keypoints"]) for name in ("keypoints", "coarse_keypoints"))
     rotation = mse_loss(output["R_direct"], batch["R"]) + mse_loss(output["R"], batch["R"])
     translation = near(output["t_direct"], batch["t"]) + near(output["t"], batch["t"])
     return {

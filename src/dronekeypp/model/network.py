@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from torch import Tensor
+from torch import Tensor, nn
 from torch.nn.functional import one_hot
 
 from dronekeypp.errors import InputError
@@ -29,10 +29,12 @@ class DroneKeyPP(PoseNetwork):
         super().__init__()
         self.config = config or ModelConfig()
         self.told = ("keypoints", "label") if self.config.encoder == "truth" else ()
-        self.backbone = self.encoder = None
+        self.backbone = self.encoder = self.classifier = None
         if self.config.encoder == "learned":
             self.backbone = Backbone(self.config, load=load_backbone)
             self.encoder = KeypointEncoder(self.config, self.backbone.channels)
+            if self.config.classifier == "features":
+                self.classifier = nn.Linear(self.backbone.channels, self.config.classes)
         if self.config.pose == "geometric":
             self.head = SharpHead(self.backbone.pyramid_channels, self.config.image_size // 4)
             self.decoder = GeometricDecoder(self.config)
@@ -43,9 +45,14 @@ class DroneKeyPP(PoseNetwork):
         """The picture's part: image (B, 3, S, S) -> keypoints, class_logits and what else `forward` returns of the encoder.
 
         With `pose="geometric"` the keypoints are the sharp head's, with their keypoint_sigma; the encoder's own are coarse_keypoints.
+
+        With `classifier="features"` a linear layer names the drone from the backbone's pooled features, and its loss stops there: a backbone that
+        is taught the class on a few hundred flights soon knows these flights by heart, and others less well than before.
         """
         levels = self.backbone.pyramid(image)
         encoded = self.encoder(levels[-1])
+        if self.classifier is not None:
+            encoded = {**encoded, "class_logits": self.classifier(levels[-1].detach().mean(dim=(2, 3)))}
         if self.head is not None:
             encoded = {**encoded, "coarse_keypoints": encoded["keypoints"], **self.head(levels)}
         return encoded
@@ -126,12 +133,11 @@ class DroneKeyPP(PoseNetwork):
 
     @property
     def idle_parameters(self) -> bool:
-        return self.config.idle_layers
+        return self.config.idle_layers or self.classifier is not None  # the [cls] token's own answer is then not asked for
 
     def parameter_counts(self) -> dict[str, int]:
-        """Learnable numbers by part: {"backbone", "encoder", "decoder", "total"}."""
-        parts = {"backbone": self.backbone, "encoder": self.encoder, "head": self.head, "decoder": self.decoder}
-        if self.head is None:
-            del parts["head"]
+        """Learnable numbers by part: {"backbone", "encoder", "decoder", "total"}, and "classifier" and "head" where there are any."""
+        parts = {"backbone": self.backbone, "encoder": self.encoder, "decoder": self.decoder}
+        parts |= {name: part for name, part in (("classifier", self.classifier), ("head", self.head)) if part is not None}
         counts = {name: sum(p.numel() for p in part.parameters()) if part else 0 for name, part in parts.items()}
         return {**counts, "total": sum(counts.values())}

@@ -30,10 +30,11 @@ from dronekeypp.sixdronesyn.drones import DRONES
 from dronekeypp.train import METRICS, choose_device
 
 METHOD = DroneKeyPP.method
-PAPERS, GEOMETRIC = Run(METHOD), Run(METHOD, "geometric", {"pose": "geometric"})
+SETTINGS = {"pose": "geometric", "classifier": "features"}
+PAPERS, GEOMETRIC = Run(METHOD), Run(METHOD, "geometric", SETTINGS)
 # Each drone left out in turn would be seven trainings; these are the smallest and one whose size others have too. A quarter of the budget.
 WITHOUT = {
-    name: Run(METHOD, f"geometric without {name}", {"pose": "geometric", "epochs": 10}, without=name) for name in ("Tello", "Air2")
+    name: Run(METHOD, f"geometric without {name}", {**SETTINGS, "epochs": 10}, without=name) for name in ("Tello", "Air2")
 }
 PARTS = {  # the geometric network's other answers
     "direct": "geometric, direct branch alone",
