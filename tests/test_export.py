@@ -3,16 +3,22 @@
 import numpy as np
 import pytest
 from fakes import FakeDrones, saved, tiny
+from torch.utils.data import default_collate
 
 from dronekeypp import export as export_module
 from dronekeypp.baselines import DroneKey
 from dronekeypp.cli import main
 from dronekeypp.errors import InputError
-from dronekeypp.export import OUTPUTS, OnnxNetwork, export, largest_differences, load_checkpoint
+from dronekeypp.export import DOUBT, OUTPUTS, OnnxNetwork, export, largest_differences, load_checkpoint
 from dronekeypp.model import ModelConfig
 
-GEOMETRIC = {"rays": "split", "pose": "geometric"}
+GEOMETRIC = {"rays": "split", "pose": "geometric", "classifier": "features"}
 SWITCHES = {"rays": "split", "rotation": "allocentric", "translation": "site", "keypoint_head": "heatmap"}
+
+
+def example():
+    items = default_collate([FakeDrones(7)[i] for i in range(7)])
+    return items["image"], items["K"], items["square"]
 
 
 @pytest.mark.parametrize("changes", [{}, SWITCHES, GEOMETRIC])
@@ -23,7 +29,10 @@ def test_it_answers_as_the_network_does(changes, tmp_path):
     (network, _), exported = load_checkpoint(tmp_path / "net"), OnnxNetwork(path)
     assert exported.config == network.config
     found = largest_differences(network, exported, FakeDrones(7), batch=3)  # batches of 3, 3 and 1
-    assert set(found) == set(OUTPUTS)
+    assert set(found) == set(OUTPUTS + DOUBT if "pose" in changes else OUTPUTS)
+    doubt = found.pop("covariance", 0.0)
+    if doubt:
+        assert doubt < 1e-2 * float(network(*example())["covariance"].detach().abs().max())
     loose = 1e-2 if "pose" in changes else 1e-3  # an untrained network's keypoints coincide: metres away, and badly conditioned
     assert all(value < loose for value in found.values()) and found["R"] < 1e-4 and max(found.values()) > 0
 

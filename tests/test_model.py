@@ -436,3 +436,16 @@ def test_the_fakes_project_onto_their_keypoints():
     pixels = camera.project(data["keypoints_3d"] + data["t"][:, None], data["K"])
     torch.testing.assert_close(camera.to_crop(pixels, data["square"]), data["keypoints"], atol=1e-4, rtol=0)
     assert np.isfinite(data["R"].numpy()).all() and torch.allclose(turn(2, 90)[:, 0], torch.tensor([0.0, 1.0, 0.0]), atol=1e-6)
+
+
+def test_a_classifier_on_features_leaves_the_backbone_alone():
+    model, items = network(classifier="features"), batch()
+    out = run(model, items)
+    assert out["class_probs"].shape == (3, 7)
+    model.losses(out, items, 10.0)["L_cls"].backward()
+    assert all(p.grad is None for p in model.backbone.parameters()) and all(p.grad is None for p in model.encoder.parameters())
+    assert all(p.grad.abs().max() > 0 for p in model.classifier.parameters())
+    assert model.idle_parameters and not network().idle_parameters  # the [cls] token's own layer is not asked
+    assert model.parameter_counts()["total"] == sum(p.numel() for p in model.parameters())
+    features = model.backbone(items["image"])
+    torch.testing.assert_close(out["class_logits"], model.classifier(features.mean(dim=(2, 3))))

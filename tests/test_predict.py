@@ -19,6 +19,7 @@ from dronekeypp.footage import Calibration, Tracker, open_footage, read_boxes, r
 from dronekeypp.model import DroneKeyPP
 from dronekeypp.predict import JOURNAL, POSES, mirror_doubt, predict, read_journal
 from dronekeypp.rotations import geodesic_degrees
+from dronekeypp.sequences import gaussian
 from dronekeypp.sixdronesyn.dataset import SixDroneSyn
 
 ROOT = Path(__file__).parents[1]
@@ -80,6 +81,19 @@ def test_the_poses_are_the_networks(footage, frames, tmp_path):
     assert (tmp_path / "out" / "trajectory.png").stat().st_size > 5000
     video = open_footage(tmp_path / "out" / "overlay.mp4")
     assert len(video.names) == 7 and next(video.read())[1].shape == (1080, 1920, 3)
+
+
+def test_a_geometric_network_says_how_sure_it_is_and_is_smoothed_by_it(footage, tmp_path):
+    images, camera, boxes, _ = footage
+    net = saved(tmp_path / "net", rays="split", pose="geometric", classifier="features")
+    poses = predict(net, images, camera, tmp_path / "out", boxes=boxes, progress=False)
+    claims = np.array([(pose.turn_sigma_deg, pose.shift_sigma_m) for pose in poses])
+    assert np.isfinite(claims).all() and (claims > 0).all() and len(np.unique(claims, axis=0)) == 7
+    again = predict(net, images, camera, tmp_path / "out", boxes=boxes, smooth=0.1, progress=False)  # from the journal
+    time = np.arange(7) / 30
+    R, t = gaussian(np.stack([p.R for p in poses]), np.stack([p.t for p in poses]), time, 0.1, 1 / np.square(claims))
+    np.testing.assert_allclose([p.t for p in again], t)
+    np.testing.assert_allclose([p.R for p in again], R)
 
 
 def test_doubt_is_what_a_mirror_changes():

@@ -256,7 +256,13 @@ def test_beyond(finished, tmp_path):
             assert shares == sorted(shares) and 0 <= shares[0] and shares[-1] <= 1
     assert [row["hidden"] for row in recorded["occlusion"]] == [share for share in beyond.HIDDEN for _ in range(2)]
     assert len(recorded["shapes"]) == 7 and all(0.9 < row["size_ratio"] < 1.1 for row in recorded["shapes"])  # from the annotations
-    assert load_network(root / "data_samples" / "beyond").config.pose == "geometric"
+    assert [row["filter"] for row in recorded["sequences"]] == list(beyond.FILTERS)
+    raw, *others = recorded["sequences"]
+    assert raw["R_deg_change_ci95"] == [0, 0] and all(row["strength"] in beyond.FILTERS[row["filter"]][1] for row in others)
+    frames = next(row for row in recorded["averages"] if row["variant"] == "geometric" and row["over"] == "frames")
+    assert raw["t_m"] == pytest.approx(frames["t_mae_m"], rel=0.05)  # flights count alike there, frames here
+    shipped = load_network(root / "data_samples" / "beyond")
+    assert (shipped.config.pose, shipped.config.classifier) == ("geometric", "features")
     text = (root / "figures" / "beyond.md").read_text()
     assert text == beyond.markdown(recorded) and text.count("geometric without") == 4
     assert all((root / "figures" / name).stat().st_size > 10_000 for name in ("beyond.png", "beyond_doubt.png"))

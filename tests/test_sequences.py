@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dronekeypp.errors import InputError
-from dronekeypp.sequences import LiveFilter, filtered, flights, gaussian
+from dronekeypp.sequences import LiveFilter, filtered, flights, gaussian, sureness
 
 RATE = 30.0  # frames a second
 
@@ -49,6 +49,46 @@ def test_a_gaussian_by_hand():
     np.testing.assert_allclose(gaussian(R, t, time, sigma=0.1)[1][1], w @ t / w.sum())
     same_R, same_t = gaussian(R, t, time, sigma=0)
     assert np.array_equal(same_R, R) and np.array_equal(same_t, t)
+
+
+def test_a_rotation_and_a_translation_may_be_trusted_differently():
+    R = Rotation.from_euler("Z", [[0.0], [20.0], [90.0]], degrees=True).as_matrix()
+    t, time = np.array([[0.0, 0, 1], [0, 0, 2], [0, 0, 5]]), np.array([0.0, 0.1, 0.2])
+    even_R, even_t = gaussian(R, t, time, sigma=1e6, weights=[[1, 0], [1, 1], [0, 1]])
+    assert np.degrees(Rotation.from_matrix(even_R[0]).as_euler("ZYX")[0]) == pytest.approx(10)
+    np.testing.assert_allclose(even_t[0], [0, 0, 3.5], atol=1e-9)
+    np.testing.assert_allclose(sureness(np.diag([0.01, 0.04, 0.05, 1, 1, 2])[None]), [[10, 0.25]])
+
+
+def uneven(seed):
+    """A flight of which every third frame is ten times as noisy, and the covariance (F, 6, 6) that says so, in camera axes."""
+    R, t, time = true_flight()
+    bad = np.arange(len(time)) % 3 == 0
+    fine, rough = noisy(R, t, seed, turn=0.05, place=0.05), noisy(R, t, seed + 100, turn=0.5, place=0.5)
+    measured = [np.where(bad.reshape(-1, *[1] * (one.ndim - 1)), two, one) for one, two in zip(fine, rough, strict=True)]
+    return measured, np.where(bad, 0.25, 0.0025)[:, None, None] * np.eye(6), (R, t, time)
+
+
+def test_a_covariance_that_is_right_is_worth_something():
+    """Of the Gaussian and of the live filter: told which frames are bad, either is far better than when it takes them all alike."""
+    ratios = []
+    for seed in range(3):
+        measured, covariance, (R, t, time) = uneven(seed)
+        plain, told = (errors(*gaussian(*measured, time, 0.1, w), R, t) for w in (None, sureness(covariance)))
+        alike, aware = (errors(*filtered(*measured, time, None, c), R, t) for c in (None, covariance))
+        ratios.append([np.divide(told, plain), np.divide(aware, alike)])
+    told, aware = np.mean(ratios, axis=0)
+    assert (told < 0.4).all() and (aware < 0.8).all()
+
+
+def test_the_covariance_of_a_turn_is_in_camera_axes():
+    """Sure about the camera's x axis alone: of a turn about it the filter takes over more than of a turn about the others."""
+    start = Rotation.from_euler("Z", 90, degrees=True).as_matrix()  # the body's y axis lies along the camera's -x axis
+    R = np.stack([start] * 30 + [(Rotation.from_rotvec([0.1, 0.1, 0.0]) * Rotation.from_matrix(start)).as_matrix()])
+    covariance = np.tile(np.diag([1e-4, 1.0, 1.0, 1, 1, 1]), (31, 1, 1))
+    covariance[:-1] = 0.01 * np.eye(6)
+    turned = Rotation.from_matrix(filtered(R, np.tile([0.0, 0, 3], (31, 1)), np.arange(31) / RATE, None, covariance)[0][-1] @ start.T).as_rotvec()
+    assert turned[0] > 0.08 and abs(turned[1]) < 0.02
 
 
 def test_far_neighbours_count_for_nothing():

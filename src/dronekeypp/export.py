@@ -25,6 +25,7 @@ from .model.base import WEIGHTS
 
 INPUTS = ("image", "K", "square")
 OUTPUTS = ("keypoints", "keypoints_px", "class_probs", "R", "t")
+DOUBT = ("covariance",)  # of a network with pose="geometric"
 CONFIG_KEY = "dronekeypp"  # of the file's metadata: the network's settings as JSON
 
 
@@ -33,6 +34,11 @@ def need(*packages: str) -> None:
     missing = [package for package in packages if importlib.util.find_spec(package) is None]
     if missing:
         raise InputError(f'{", ".join(missing)} not installed: pip install -e ".[onnx]"')
+
+
+def outputs(config: ModelConfig) -> tuple[str, ...]:
+    """The names of what an exported network answers."""
+    return OUTPUTS + DOUBT if config.pose == "geometric" else OUTPUTS
 
 
 class _Tuple(nn.Module):
@@ -44,7 +50,7 @@ class _Tuple(nn.Module):
 
     def forward(self, image: Tensor, K: Tensor, square: Tensor) -> tuple[Tensor, ...]:
         found = self.network(image, K, square)
-        return tuple(found[name] for name in OUTPUTS)
+        return tuple(found[name] for name in outputs(self.network.config))
 
 
 def load_checkpoint(checkpoint: str | Path) -> tuple[DroneKeyPP | OnnxNetwork, Path]:
@@ -84,7 +90,7 @@ def export(checkpoint: str | Path, out_file: str | Path) -> Path:
         warnings.simplefilter("ignore")  # the exporter's notes to its own makers
         logging.getLogger("torch.onnx").setLevel(logging.ERROR)
         program = torch.onnx.export(
-            _Tuple(network).eval(), example, input_names=INPUTS, output_names=OUTPUTS, dynamo=True, verbose=False,
+            _Tuple(network).eval(), example, input_names=INPUTS, output_names=outputs(network.config), dynamo=True, verbose=False,
             dynamic_shapes={name: {0: batch} for name in INPUTS},
         )  # fmt: skip
     program.model.metadata_props[CONFIG_KEY] = json.dumps(network.config.to_dict())
@@ -99,7 +105,7 @@ def export(checkpoint: str | Path, out_file: str | Path) -> Path:
 
 
 class OnnxNetwork:
-    """A file of `export`, run by ONNX Runtime on the CPU: called like the network, it gives its answers (those of OUTPUTS).
+    """A file of `export`, run by ONNX Runtime on the CPU: called like the network, it gives its answers (those of `outputs`).
 
     Args:
         threads: of ONNX Runtime; 0: as many as there are cores.
@@ -135,15 +141,16 @@ class OnnxNetwork:
     def __call__(self, image: Tensor, K: Tensor, square: Tensor) -> dict[str, Tensor]:
         """As `DroneKeyPP.forward`: image (B, 3, S, S) in [0, 1], K (B, 3, 3), square (B, 3)."""
         given = {name: np.ascontiguousarray(value.numpy()) for name, value in zip(INPUTS, (image, K, square), strict=True)}
-        return {name: torch.from_numpy(value) for name, value in zip(OUTPUTS, self.session.run(list(OUTPUTS), given), strict=True)}
+        names = outputs(self.config)
+        return {name: torch.from_numpy(value) for name, value in zip(names, self.session.run(list(names), given), strict=True)}
 
 
 def largest_differences(network: DroneKeyPP, exported: OnnxNetwork, dataset: Dataset, batch: int = 64) -> dict[str, float]:
     """The largest absolute difference of every output over a data set: {name: difference}."""
-    found = dict.fromkeys(OUTPUTS, 0.0)
+    found = dict.fromkeys(outputs(network.config), 0.0)
     with torch.inference_mode():
         for items in DataLoader(dataset, batch):
             inputs = [items[name] for name in INPUTS]
             one, other = network(*inputs), exported(*inputs)
-            found = {name: max(found[name], float((one[name] - other[name]).abs().max())) for name in OUTPUTS}
+            found = {name: max(found[name], float((one[name] - other[name]).abs().max())) for name in found}
     return found

@@ -42,6 +42,7 @@ JOURNAL, POSES, SETTINGS = "frames.csv", "poses.csv", "settings.json"
 COLUMNS = (
     "frame", "name", "status", "box_x", "box_y", "box_w", "box_h", "drone", "score", "doubt_px",
     *(f"kp{k}_{axis}" for k in range(4) for axis in "xy"), *(f"R{i}{j}" for i in range(3) for j in range(3)), "tx", "ty", "tz", "seconds",
+    "turn_sigma_deg", "shift_sigma_m",
 )  # fmt: skip
 GOOD = "ok"  # the status of a frame with a pose; any other says why there is none
 BATCH = 16
@@ -51,7 +52,8 @@ BATCH = 16
 class Pose:
     """What was found in one frame, in full-frame pixels and metres: the undistorted frame's, but for the box, which is the one that was given.
 
-    score: the class's probability. doubt_px: by how much the keypoints move when the crop is shown in a mirror (see `mirror_doubt`).
+    score: the class's probability. doubt_px: by how much the keypoints move when the crop is shown in a mirror (see `mirror_doubt`). turn_sigma_deg,
+    shift_sigma_m: the deviations that a network with pose="geometric" claims for R and t (root of the trace); of any other NaN.
     """
 
     frame: int
@@ -63,6 +65,8 @@ class Pose:
     R: np.ndarray
     t: np.ndarray
     seconds: float
+    turn_sigma_deg: float
+    shift_sigma_m: float
 
 
 def predict(
@@ -256,7 +260,12 @@ def fill(network: DroneKeyPP | OnnxNetwork, calibration: Calibration, rows: list
         share, drone = found["class_probs"][i].max(dim=0)
         numbers = [*found["keypoints_px"][i].flatten().tolist(), *found["R"][i].flatten().tolist(), *found["t"][i].tolist()]
         status = GOOD if np.isfinite(numbers).all() else "the network's answer is not finite"
-        rest = [list(DRONES)[int(drone)], f"{share:.4f}", f"{doubt[i] * crops[i][1][2]:.3f}", *(f"{v:.6f}" for v in numbers), f"{seconds:.5f}"]
+        claims = ("", "")
+        if "covariance" in found:
+            variances = found["covariance"][i].diagonal()
+            claims = (f"{math.degrees(variances[:3].sum().sqrt()):.3f}", f"{variances[3:].sum().sqrt():.4f}")
+        named = [list(DRONES)[int(drone)], f"{share:.4f}", f"{doubt[i] * crops[i][1][2]:.3f}"]
+        rest = [*named, *(f"{v:.6f}" for v in numbers), f"{seconds:.5f}", *claims]
         rows[place] = (rows[place][0], status, *rows[place][2:6], *rest)
     return rows
 
@@ -280,14 +289,18 @@ def to_pose(row: dict[str, str]) -> Pose | None:
         frame=int(row["frame"]), box=np.array([float(row[f"box_{key}"]) for key in "xywh"]), drone=row["drone"], score=float(row["score"]),
         doubt_px=float(row["doubt_px"]), keypoints=np.array([[float(row[f"kp{k}_{axis}"]) for axis in "xy"] for k in range(4)]),
         R=np.array([[float(row[f"R{i}{j}"]) for j in range(3)] for i in range(3)]), t=np.array([float(row[f"t{axis}"]) for axis in "xyz"]),
-        seconds=float(row["seconds"]),
+        seconds=float(row["seconds"]), **{name: float(row[name] or "nan") for name in ("turn_sigma_deg", "shift_sigma_m")},
     )  # fmt: skip
 
 
 def smoothed(poses: list[Pose], sigma: float, rate: float) -> list[Pose]:
-    """Smoothed by `sequences.gaussian`; a frame counts the less the more doubt there is about its keypoints."""
-    doubt = np.array([pose.doubt_px / max(pose.box[2:]) for pose in poses])  # in boxes: a near drone is large, not doubtful
-    weights = 1 / (1 + np.square(doubt / max(np.median(doubt), 1e-6)))
+    """Smoothed by `sequences.gaussian`; a frame counts as much as the network trusts it: by the deviations it claims, or else by its mirror doubt."""
+    claims = np.array([(pose.turn_sigma_deg, pose.shift_sigma_m) for pose in poses])  # (F, 2)
+    if np.isfinite(claims).all():
+        weights = 1 / np.square(claims)
+    else:
+        doubt = np.array([pose.doubt_px / max(pose.box[2:]) for pose in poses])  # in boxes: a near drone is large, not doubtful
+        weights = 1 / (1 + np.square(doubt / max(np.median(doubt), 1e-6)))
     R, t = gaussian(np.stack([p.R for p in poses]), np.stack([p.t for p in poses]), np.array([p.frame / rate for p in poses]), sigma, weights)
     return [Pose(**{**vars(pose), "R": R[i], "t": t[i]}) for i, pose in enumerate(poses)]
 
@@ -321,7 +334,8 @@ def draw_overlay(image: np.ndarray, pose: Pose, calibration: Calibration) -> np.
             cv2.arrowedLine(image, pixel(tips[0]), pixel(tip), colour(name), 2 * thick, cv2.LINE_AA, tipLength=0.2)
     for point, name in zip(pose.keypoints, plots.KEYPOINT_COLOURS, strict=True):
         cv2.circle(image, pixel(point), 3 * thick, colour(name), -1, cv2.LINE_AA)
-    text = f"{DRONES[pose.drone].label} {100 * pose.score:.0f} %, {np.linalg.norm(pose.t):.2f} m"
+    unsure = "" if math.isnan(pose.shift_sigma_m) else f" +- {pose.shift_sigma_m:.2f}"  # OpenCV's letters have no better sign
+    text = f"{DRONES[pose.drone].label} {100 * pose.score:.0f} %, {np.linalg.norm(pose.t):.2f}{unsure} m"
     (wide, high), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.5 * thick, thick)
     left = int(np.clip(x, 0, max(0, image.shape[1] - wide)))
     base = int(y) - 2 * below if y > high + 3 * below else int(min(y + h, image.shape[0] - 2 * below)) + high + below

@@ -19,7 +19,9 @@ FAR = 6  # sigmas beyond which a neighbour counts for nothing
 
 
 def check_flight(R, t, time, weights=None):
-    """(R, t, time, weights) as float64 arrays (F, 3, 3), (F, 3), (F,), (F,).
+    """(R, t, time, weights) as float64 arrays (F, 3, 3), (F, 3), (F,), (F, 2): the rotation's weights and the translation's.
+
+    `weights` may also be (F,), for both alike.
 
     Raises:
         InputError: shapes that do not fit, a number that is not finite, an R that is no rotation, times that do not rise, or a weight below 0.
@@ -27,7 +29,8 @@ def check_flight(R, t, time, weights=None):
     R, t, time = (np.asarray(v, dtype=np.float64) for v in (R, t, time))
     F = len(time)
     weights = np.ones(F) if weights is None else np.asarray(weights, dtype=np.float64)
-    if R.shape != (F, 3, 3) or t.shape != (F, 3) or time.shape != (F,) or weights.shape != (F,):
+    weights = np.stack([weights, weights], axis=-1) if weights.ndim == 1 else weights
+    if R.shape != (F, 3, 3) or t.shape != (F, 3) or time.shape != (F,) or weights.shape != (F, 2):
         raise InputError(f"a flight needs R (F, 3, 3), t (F, 3), time (F,); got {R.shape}, {t.shape}, {time.shape}, weights {weights.shape}")
     if not all(np.isfinite(v).all() for v in (R, t, time, weights)):
         raise InputError("a flight's poses, times and weights must be finite; leave lost frames out")
@@ -47,12 +50,13 @@ def flights(time, longest_gap=0.5):
 
 
 def gaussian(R, t, time, sigma=0.1, weights=None, longest_gap=0.5):
-    """Every pose becomes a mean of its neighbours, weighted by exp(-dt² / 2 sigma²) and by `weights` (confidences, say).
+    """Every pose becomes a mean of its neighbours, weighted by exp(-dt² / 2 sigma²) and by `weights` (see `sureness`).
 
     Rotations are averaged by `scipy`'s `Rotation.mean`: the rotation with the least sum of squared chordal distances.
 
     Args:
         R, t, time: (F, 3, 3), (F, 3) metres, (F,) seconds. sigma: seconds; 0 leaves all as it is.
+        weights: (F,), or (F, 2) with one for the rotation and one for the translation.
 
     Returns:
         (R, t), smoothed. It looks into the future: for live use see `LiveFilter`.
@@ -66,12 +70,18 @@ def gaussian(R, t, time, sigma=0.1, weights=None, longest_gap=0.5):
         low = np.maximum(np.searchsorted(time, time[part] - FAR * sigma), part.start)
         high = np.minimum(np.searchsorted(time, time[part] + FAR * sigma, side="right"), part.stop)
         for i, a, b in zip(range(part.start, part.stop), low, high, strict=True):
-            near = np.exp(-np.square(time[a:b] - time[i]) / (2 * sigma**2)) * weights[a:b]
-            if near.sum() <= 0:
+            turn, shift = (np.exp(-np.square(time[a:b] - time[i]) / (2 * sigma**2))[:, None] * weights[a:b]).T  # (N,) of the neighbours
+            if turn.sum() <= 0 or shift.sum() <= 0:
                 raise InputError(f"frame {i} and its neighbours have no weight: nothing to average")
-            smooth_R[i] = turns[a:b][near > 0].mean(near[near > 0]).as_matrix()
-            smooth_t[i] = near @ t[a:b] / near.sum()
+            smooth_R[i] = turns[a:b][turn > 0].mean(turn[turn > 0]).as_matrix()
+            smooth_t[i] = shift @ t[a:b] / shift.sum()
     return smooth_R, smooth_t
+
+
+def sureness(covariance):
+    """Weights (F, 2) for `gaussian` from the covariances (F, 6, 6) of (turn, shift) that a geometric network claims: 1 / their variances."""
+    variances = np.diagonal(np.asarray(covariance, dtype=np.float64), axis1=1, axis2=2)  # (F, 6)
+    return 1 / np.stack([variances[:, :3].sum(axis=1), variances[:, 3:].sum(axis=1)], axis=1)
 
 
 @dataclass
@@ -101,11 +111,11 @@ class LiveFilter:
         self.time = None
         self.passed_over = 0  # measurements in a row
 
-    def _start(self, R, t, time):
+    def _start(self, R, t, time, position_cov, rotation_cov):
         self.R, self.t, self.time, self.passed_over = R, t, time, 0
         self.velocity, self.turn_rate = np.zeros(3), np.zeros(3)  # m/s camera axes; rad/s body axes
-        spread = np.repeat([self.position_noise**2, 3.0**2], 3)  # as sure of the place as of a measurement, of the velocity not at all
-        self.P_t, self.P_R = np.diag(spread), np.diag(np.repeat([self.rotation_noise**2, 2.0**2], 3))
+        self.P_t, self.P_R = np.diag([0.0] * 3 + [3.0**2] * 3), np.diag([0.0] * 3 + [2.0**2] * 3)  # of the velocities not sure at all
+        self.P_t[:3, :3], self.P_R[:3, :3] = position_cov, rotation_cov  # of the pose as sure as of a measurement
 
     def update(self, time, R, t, position_cov=None, rotation_cov=None):
         """The pose at `time` (seconds), given all so far and this measurement.
@@ -130,8 +140,10 @@ class LiveFilter:
         R, t = np.asarray(R, dtype=np.float64), np.asarray(t, dtype=np.float64)
         if R.shape != (3, 3) or t.shape != (3,) or not (np.isfinite(R).all() and np.isfinite(t).all()):
             raise InputError(f"a measured pose needs a finite R (3, 3) and t (3,), got {R.shape} and {t.shape}")
+        position_cov = np.eye(3) * self.position_noise**2 if position_cov is None else np.asarray(position_cov, dtype=np.float64)
+        rotation_cov = np.eye(3) * self.rotation_noise**2 if rotation_cov is None else np.asarray(rotation_cov, dtype=np.float64)
         if self.time is None or time - self.seen > self.longest_gap or self.passed_over >= self.patience:
-            self._start(R, t, time)
+            self._start(R, t, time, position_cov, rotation_cov)
         else:
             self._predict(time)
             self._correct(R, t, position_cov, rotation_cov)
@@ -153,8 +165,6 @@ class LiveFilter:
 
     def _correct(self, R, t, position_cov, rotation_cov):
         away = Rotation.from_matrix(self.R.T @ R).as_rotvec()  # (3,) body axes
-        position_cov = np.eye(3) * self.position_noise**2 if position_cov is None else np.asarray(position_cov, dtype=np.float64)
-        rotation_cov = np.eye(3) * self.rotation_noise**2 if rotation_cov is None else np.asarray(rotation_cov, dtype=np.float64)
         place, P_t, far = _kalman(self.P_t, t - self.t, position_cov)
         turn, P_R, turned = _kalman(self.P_R, away, rotation_cov)
         if far + turned > chi2.ppf(self.gate, df=6):
@@ -174,9 +184,17 @@ def _kalman(P, away, noise):
     return gain @ away, keep @ P @ keep.T + gain @ noise @ gain.T, float(away @ np.linalg.solve(S, away))
 
 
-def filtered(R, t, time, live=None):
-    """`LiveFilter` over a whole recorded flight (F frames): (R, t). Every gap starts it again."""
+def filtered(R, t, time, live=None, covariance=None):
+    """`LiveFilter` over a whole recorded flight (F frames): (R, t). Every gap starts it again.
+
+    covariance: (F, 6, 6) of (turn in radians, shift in metres), camera axes, as a geometric network claims them; None: the filter's own noise.
+    """
     R, t, time, _ = check_flight(R, t, time)
     live = live or LiveFilter()
-    found = [live.update(*frame) for frame in zip(time, R, t, strict=True)]
+    if covariance is None:
+        found = [live.update(*frame) for frame in zip(time, R, t, strict=True)]
+    else:
+        covariance = np.asarray(covariance, dtype=np.float64)
+        turn, shift = R.transpose(0, 2, 1) @ covariance[:, :3, :3] @ R, covariance[:, 3:, 3:]  # the filter wants turns in body axes
+        found = [live.update(*frame) for frame in zip(time, R, t, shift, turn, strict=True)]
     return np.stack([R for R, _ in found]), np.stack([t for _, t in found])

@@ -6,7 +6,7 @@ told the true class, and given true keypoints, with and without the noise that i
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -18,15 +18,17 @@ from torch import Tensor
 from torch.nn.functional import one_hot
 from torch.utils.data import DataLoader, Dataset, Subset
 
-from dronekeypp import plots
-from dronekeypp.evaluate import evaluate, frame_errors, plain, to_device
+from dronekeypp import plots, rotations
+from dronekeypp.evaluate import evaluate, frame_errors, interval_of_mean, plain, poses, to_device
 from dronekeypp.files import write_beside
 from dronekeypp.model import DroneKeyPP
 from dronekeypp.model.geometry import chord
 from dronekeypp.reproduce.priors import radius
 from dronekeypp.reproduce.runner import Bench, Run, complete, result, rows_and_averages, say, write_result
 from dronekeypp.reproduce.tables import PRINTED, average, heading, interval, methods, number, panels, percent, write_figure
+from dronekeypp.sequences import LiveFilter, filtered, gaussian, sureness
 from dronekeypp.sixdronesyn.drones import DRONES
+from dronekeypp.sixdronesyn.scenes import FPS
 from dronekeypp.train import METRICS, choose_device
 
 METHOD = DroneKeyPP.method
@@ -45,6 +47,17 @@ PARTS = {  # the geometric network's other answers
 HALVES = {"turn": slice(0, 3), "shift": slice(3, 6)}  # of an error vector: radians, metres
 LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 HIDDEN = (0.0, 0.05, 0.1, 0.2, 0.3)  # share of the crop's area
+FILTERS: dict[str, tuple[Callable, tuple[float, ...]]] = {  # (R, t, seconds, covariance, strength) -> R, t; the strengths to choose from
+    "frame by frame": (lambda R, t, time, covariance, _: (R, t), (0.0,)),
+    "Gaussian": (lambda R, t, time, covariance, sigma: gaussian(R, t, time, sigma), (0.03, 0.05, 0.1, 0.2)),
+    "Gaussian, weighted by the covariance": (
+        lambda R, t, time, covariance, sigma: gaussian(R, t, time, sigma, sureness(covariance)), (0.03, 0.05, 0.1, 0.2)
+    ),
+    "live filter": (lambda R, t, time, covariance, a: filtered(R, t, time, LiveFilter(a, a)), (1.0, 3.0, 10.0, 30.0)),
+    "live filter, told the covariance": (
+        lambda R, t, time, covariance, a: filtered(R, t, time, LiveFilter(a, a), covariance), (1.0, 3.0, 10.0, 30.0)
+    ),
+}  # fmt: skip
 
 
 @torch.inference_mode()
@@ -149,13 +162,46 @@ def occlusion(models: dict[str | None, DroneKeyPP], dataset: Dataset) -> list[di
     return rows
 
 
-def load(bench: Bench, run: Run, seed: int) -> DroneKeyPP:
-    """A run's network; a geometric one calibrated on the validation flights."""
+def over_flights(seen: dict[str, Any], truth: dict[str, Tensor], smooth: Callable, strength: float, every: int = 1) -> np.ndarray:
+    """Mean rotation error (degrees) and translation error (m) of every flight (F, 2), after `smooth` (see FILTERS); of every `every`-th flight."""
+    frames = seen[""]
+    keys = np.stack([frames["scene"], frames["label"], frames["subsequence"]], axis=1)
+    _, flight = np.unique(keys, axis=0, return_inverse=True)
+    rows = []
+    for which in range(0, flight.max() + 1, every):
+        mine = np.flatnonzero(flight.ravel() == which)
+        R, t = (frames[name][mine].astype(float) for name in ("R", "t"))
+        R, t = smooth(R, t, frames["frame"][mine] / FPS, seen["covariance"][mine], strength)
+        turned = rotations.geodesic_degrees(torch.tensor(R), truth["R"][mine].double())
+        rows.append((float(turned.mean()), float(np.linalg.norm(t - truth["t"][mine].double().numpy(), axis=1).mean())))
+    return np.array(rows)
+
+
+def sequences(seen: dict[str, Any], truth: dict[str, Tensor], val: dict[str, Any], val_truth: dict[str, Tensor]) -> list[dict[str, Any]]:
+    """Every filter on the test flights, as strong as serves it best on every second validation flight; with the change against single frames."""
+    rows, raw = [], None
+    for name, (smooth, strengths) in FILTERS.items():
+        tried = [over_flights(val, val_truth, smooth, strength, every=2).mean(axis=0) for strength in strengths]  # (R, t) each
+        best = strengths[int(np.argmin([R / tried[0][0] + t / tried[0][1] for R, t in tried]))]
+        found = over_flights(seen, truth, smooth, best)
+        raw = found if raw is None else raw
+        row = {"filter": name, "strength": best, "flights": len(found)}
+        for k, key in enumerate(("R_deg", "t_m")):
+            row |= {key: float(found[:, k].mean()), f"{key}_change_ci95": interval_of_mean((found - raw)[:, k])}
+        rows.append(row)
+    return rows
+
+
+def load(bench: Bench, run: Run, seed: int) -> tuple[DroneKeyPP, dict[str, Any] | None]:
+    """A run's network; a geometric one calibrated on the validation flights, and then its answers to them, too."""
     model = DroneKeyPP.from_pretrained(bench.train(run, seed)).to(choose_device(bench.settings(run, seed)[1]))
-    if model.head is not None:
-        seen = answers(model, bench.split("val", run, seed), ())
-        model.decoder.calibration.copy_(torch.tensor(calibration(seen["error"], seen["covariance"])))
-    return model
+    if model.head is None:
+        return model, None
+    seen = answers(model, bench.split("val", run, seed), ())
+    factors = calibration(seen["error"], seen["covariance"])
+    model.decoder.calibration.copy_(torch.tensor(factors))
+    scale = np.repeat(factors, 3)
+    return model, {**seen, "covariance": seen["covariance"] * scale[:, None] * scale}
 
 
 def reproduce(bench: Bench, seeds: int = 1) -> dict[str, Any]:
@@ -168,12 +214,12 @@ def reproduce(bench: Bench, seeds: int = 1) -> dict[str, Any]:
 def measured(bench: Bench, run: Run, seed: int) -> dict[str, Any]:
     """One run: rows of its answers and, of a geometric one, how far its covariance can be trusted."""
     bench.train(run, seed)
-    found: dict[str, Any] = {"story": bench.story(run, seed), "rows": [], "averages": [], "doubt": [], "occlusion": [], "shapes": []}
+    found: dict[str, Any] = {"story": bench.story(run, seed), "rows": [], "averages": [], "doubt": [], "occlusion": [], "shapes": [], "sequences": []}
     if run is PAPERS:
         variants = bench.measure(run, seed)
     else:
         say(f"asking {run.variant} seed {seed}", bench.progress)
-        model, test = load(bench, run, seed), bench.split("test", run, seed)
+        (model, val), test = load(bench, run, seed), bench.split("test", run, seed)
         seen = answers(model, test, () if run.without else PARTS)
         chosen = seen[""]["label"] == DRONES[run.without].index if run.without else np.ones(len(seen["error"]), bool)
         error, covariance = seen["error"][chosen], seen["covariance"][chosen]
@@ -182,7 +228,8 @@ def measured(bench: Bench, run: Run, seed: int) -> dict[str, Any]:
         variants |= {title: seen[name] for name, title in PARTS.items() if name in seen}
         if seed == 0 and not run.without:
             ship(bench, model, bench.folder(run, seed) / METRICS)
-            both = {None: load(bench, PAPERS, seed), run.variant: model}
+            both = {None: load(bench, PAPERS, seed)[0], run.variant: model}
+            found["sequences"] = plain(sequences(seen, poses(test), val, poses(bench.split("val", run, seed))))
             found["occlusion"] = plain(occlusion(both, Subset(test, range(0, len(test), 10))))
             found["shapes"] = plain(shapes(model))
     for variant, each in variants.items():
@@ -223,7 +270,7 @@ def ship(bench: Bench, model: DroneKeyPP, history: Path) -> None:
 
 def record(bench: Bench, parts: list[dict[str, Any]]) -> dict[str, Any]:
     """Write the result, its table and its figures from what there is; returns the result."""
-    joined = {key: [row for part in parts for row in part[key]] for key in ("rows", "averages", "doubt", "occlusion", "shapes")}
+    joined = {key: [row for part in parts for row in part[key]] for key in ("rows", "averages", "doubt", "occlusion", "shapes", "sequences")}
     recorded = result("beyond", bench, [part["story"] for part in parts], **joined)
     write_result(bench.root, recorded)
     folder = bench.root / "figures"
@@ -258,6 +305,13 @@ def markdown(recorded: dict[str, Any]) -> str:
     for row in recorded["doubt"]:
         shares = [percent(row["coverage"][name][LEVELS.index(level)]) for name in HALVES for level in (0.5, 0.9)]
         lines.append(f"| {row['variant']} | {' | '.join(shares)} | {row['claimed_turn']:.1f} | {row['claimed_shift']:.3f} |")
+    if recorded["sequences"]:
+        lines += ["", "## Over whole flights", ""]
+        lines += ["Test flights; the strength of each filter chosen on validation flights; change against single frames."]
+        lines += ["", "| | strength | R MAE (deg) | change, 95 % | t MAE (m) | change, 95 % |", "|---|" + "---:|" * 5]
+        for row in recorded["sequences"]:
+            turn, shift = (f"[{low:+.{d}f}, {high:+.{d}f}]" for d, (low, high) in ((1, row["R_deg_change_ci95"]), (3, row["t_m_change_ci95"])))
+            lines.append(f"| {row['filter']} | {row['strength']:g} | {row['R_deg']:.1f} | {turn} | {row['t_m']:.3f} | {shift} |")
     left_out = [row for row in recorded["averages"] if "without" in (row["variant"] or "") and row["over"] == "frames"]
     if left_out:
         lines += ["", "## A drone it was never trained on", "", "Its frames of the test scenes, a quarter of the training.", ""]
