@@ -7,7 +7,7 @@ from fakes import saved
 
 from dronekeypp import bench as bench_module
 from dronekeypp.baselines import yolo
-from dronekeypp.bench import COMPILED, EAGER, LIBRARY, POSE34, YOLO, Contender, bench, contenders, detector_of, row_of, table
+from dronekeypp.bench import COMPILED, EAGER, LIBRARY, POSE34, YOLO, Contender, bench, contenders, detector_of, named, row_of, table
 from dronekeypp.cli import main
 from dronekeypp.errors import InputError
 from dronekeypp.model import DroneKeyPP
@@ -54,7 +54,7 @@ def test_a_ratio_is_taken_within_a_round():
 def test_who_takes_part(monkeypatch):
     monkeypatch.setattr(bench_module.torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(yolo, "installed", lambda: False)
-    found = contenders("here", None, 2)
+    found = contenders({"DroneKey++": "here"}, {}, 2)
     assert {c.device for c in found} == {"cpu", "cuda"} and {c.batch for c in found} == {1, 64, 512}
     assert not {c.name for c in found} & {YOLO} and all(c.engine != "ONNX Runtime" for c in found)
 
@@ -64,6 +64,15 @@ def test_the_detector_takes_part():
         pytest.skip("the optional extra is not installed")
     [row] = bench("data_samples/checkpoint", rounds=1, seconds=0.0, chosen=[Contender(YOLO, LIBRARY, "cpu", 1, 1, "")], progress=False)["rows"]
     assert row["ratio_to_yolov8n_pose"] == 1 and set(row["stages"]) == {"crop", "network", "pose"} and row["params"] > 3e6
+
+
+def test_several_checkpoints_have_names(checkpoint, tmp_path):
+    geometric = saved(tmp_path / "geometric", rays="split", pose="geometric")
+    assert named([checkpoint, geometric]) == {"DroneKey++": str(checkpoint), "DroneKey++, geometric": str(geometric)}
+    assert list(named([checkpoint, checkpoint])) == ["DroneKey++", f"DroneKey++ ({checkpoint.name})"]
+    chosen = [Contender(name, EAGER, "cpu", 1, 1, folder) for name, folder in named([checkpoint, geometric]).items()]
+    rows = bench([checkpoint, geometric], rounds=1, seconds=0.0, chosen=chosen, progress=False)["rows"]
+    assert [row["name"] for row in rows] == ["DroneKey++", "DroneKey++, geometric"] and rows[0]["params"] != rows[1]["params"]
 
 
 def test_bad_calls(checkpoint, tmp_path, capsys):

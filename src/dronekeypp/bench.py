@@ -57,13 +57,13 @@ class Contender:
     checkpoint: str  # of DroneKey++ (a folder, or the exported file); the others' weights are random, which changes no time
 
 
-def contenders(checkpoint: str, exported: str | None, threads: int) -> list[Contender]:
-    """Batch 1 and large on the CPU and, where there is one, the GPU; without an exported file and without the detector's extra, none of those."""
+def contenders(checkpoints: dict[str, str], exported: dict[str, str], threads: int) -> list[Contender]:
+    """Batch 1 and large on the CPU and, where there is one, the GPU, of every {name: folder}; exported files and the detector where there are any."""
     found = []
     for device, large in (("cpu", 64), ("cuda", 512))[: 2 if torch.cuda.is_available() else 1]:
         for batch in (1, large):
-            kinds = [("DroneKey++", EAGER, checkpoint), ("DroneKey++", COMPILED, checkpoint)]
-            kinds += [("DroneKey++", ONNX, exported)] if exported and device == "cpu" else []
+            kinds = [(name, engine, folder) for name, folder in checkpoints.items() for engine in (EAGER, COMPILED)]
+            kinds += [(name, ONNX, file) for name, file in exported.items()] if device == "cpu" else []
             kinds += [(PAPER_SIZED, EAGER, ""), (POSE34, EAGER, "")]
             kinds += [(YOLO, LIBRARY, "")] if yolo.installed() else []
             found += [Contender(name, engine, device, batch, threads, source) for name, engine, source in kinds]
@@ -219,8 +219,17 @@ def _detector(contender: Contender, folder: Path) -> tuple[dict[str, int], dict[
 # --- the one who asks ------------------------------------------------------------------------------------------------------------------
 
 
+def named(checkpoints: Sequence[str | Path]) -> dict[str, str]:
+    """{name: folder} of checkpoints of DroneKey++: the paper's network has its name, a geometric one says so; a name there was gets its folder's."""
+    found: dict[str, str] = {}
+    for checkpoint in checkpoints:
+        name = DroneKeyPP.method + (", geometric" if load_checkpoint(checkpoint)[0].config.pose == "geometric" else "")
+        found[name if name not in found else f"{name} ({Path(checkpoint).name})"] = str(checkpoint)
+    return found
+
+
 def bench(
-    checkpoint: str | Path,
+    checkpoints: str | Path | Sequence[str | Path],
     json_file: str | Path | None = None,
     threads: int | None = None,
     rounds: int = 7,
@@ -228,17 +237,17 @@ def bench(
     chosen: Sequence[Contender] | None = None,
     progress: bool = True,
 ) -> dict[str, Any]:
-    """Measure, print the table, return (and write as JSON) {"hardware", "versions", "rows"}.
+    """Measure one or several checkpoints, print the table, return (and write as JSON) {"hardware", "versions", "rows"}.
 
     A row: name, engine, device, batch, threads, frames_per_s (median over the rounds), ratio_to_yolov8n_pose (median of the ratios within a
     round; None without the detector), peak_mb (of its process; on a GPU of PyTorch's memory there), params, flops, stages (ms a frame).
 
     Raises:
-        InputError: the checkpoint cannot be read, or the folder of `json_file` does not exist.
+        InputError: a checkpoint cannot be read, or the folder of `json_file` does not exist.
     """
     if json_file and not Path(json_file).resolve().parent.is_dir():  # before the work, not after it
         raise InputError(f"{json_file}: its folder does not exist; make it first")
-    load_checkpoint(checkpoint)
+    sources = named([checkpoints] if isinstance(checkpoints, (str, Path)) else checkpoints)
     threads = os.cpu_count() if threads is None else threads
     if rounds < 1 or threads < 1:
         raise InputError(f"rounds={rounds}, threads={threads}: at least 1 of each")
@@ -246,8 +255,8 @@ def bench(
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="dronekeypp-bench-")))
         if chosen is None:
-            exported = str(export(checkpoint, folder / "net.onnx")) if OnnxNetwork.installed() else None
-            chosen = contenders(str(checkpoint), exported, threads)
+            files = {name: folder / f"net_{i}.onnx" for i, name in enumerate(sources)} if OnnxNetwork.installed() else {}
+            chosen = contenders(sources, {name: str(export(sources[name], file)) for name, file in files.items()}, threads)
         pools = [stack.enter_context(ProcessPoolExecutor(1, mp_context=spawn)) for _ in chosen]
         pairs = tqdm(list(zip(pools, chosen, strict=True)), "prepare", leave=False, disable=hidden)
         facts = [pool.submit(_prepare, contender, folder).result() for pool, contender in pairs]

@@ -6,6 +6,8 @@ from pathlib import Path
 
 from .errors import InputError
 
+SHIPPED = (Path("data_samples/checkpoint"), Path("data_samples/beyond"))  # the paper's network and the geometric one
+
 
 def _names(text):
     return [part.strip() for part in text.split(",") if part.strip()]
@@ -107,7 +109,7 @@ def _export(args):
 def _bench(args):
     from .bench import bench
 
-    bench(args.checkpoint, args.json, args.threads, args.rounds, args.seconds)
+    bench(args.checkpoint or SHIPPED, args.json, args.threads, args.rounds, args.seconds)
 
 
 class _Parser(argparse.ArgumentParser):
@@ -183,7 +185,7 @@ def parser():
     p.set_defaults(run=_export)
 
     p = verbs.add_parser("bench", help="frames a second, beside YOLOv8n-pose + PnP and two larger networks, in turn")
-    p.add_argument("--checkpoint", type=Path, default=Path("data_samples/checkpoint"), help="default: data_samples/checkpoint")
+    p.add_argument("--checkpoint", type=Path, action="append", help=f"repeat as you like; default: {' and '.join(map(str, SHIPPED))}")
     p.add_argument("--json", type=Path, metavar="FILE", help="also write the rows there")
     p.add_argument("--threads", type=int, metavar="N", help="default: one a core")
     p.add_argument("--rounds", type=int, default=7, metavar="N")
