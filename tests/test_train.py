@@ -67,7 +67,8 @@ def test_sixteen_frames_are_memorised(rotation):
 
 def test_a_run_folder_and_its_history(tmp_path):
     best = start(tmp_path / "run")
-    assert sorted(p.name for p in (tmp_path / "run").iterdir()) == ["best", "config.json", "last.safetensors", "metrics.csv"]
+    kept = sorted(p.name for p in (tmp_path / "run").iterdir() if p.name != ".lock")
+    assert kept == ["best", "config.json", "last.safetensors", "metrics.csv"]
     rows = list(csv.DictReader(open(tmp_path / "run" / "metrics.csv")))
     assert [row["epoch"] for row in rows] == ["1", "2", "3"]
     wanted = [f"{part}_{name}" for part in ("train", "val") for name in (*TERMS, "total")]
@@ -328,3 +329,14 @@ def test_pretraining_writes_a_backbone_that_fits_and_resumes(tmp_path):
     torch.testing.assert_close(model.backbone.net[0][0].weight.detach(), stored.float())
     with pytest.raises(InputError, match="exists already"):
         pretrain.pretrain_to(data, val, tmp_path / "a.safetensors", config, run)
+
+
+def test_two_processes_do_not_train_one_run(tmp_path):
+    sets = FakeDrones(4), FakeDrones(4, seed=1)
+
+    def second(state):
+        train.train_on(*sets, tmp_path / "run", ModelConfig(**tiny()), settings(epochs=1), resume=True)
+
+    with pytest.raises(InputError, match="run is being trained by another process"):
+        train.train_on(*sets, tmp_path / "run", ModelConfig(**tiny()), settings(epochs=1), on_epoch=second)
+    train.train_on(*sets, tmp_path / "run", ModelConfig(**tiny()), settings(epochs=1), resume=True)  # and the lock is gone again

@@ -34,6 +34,7 @@ from typing import Any
 import numpy as np
 import torch
 import torch.distributed as dist
+from filelock import FileLock, Timeout
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch.nn.parallel import DistributedDataParallel
@@ -358,15 +359,16 @@ def train_on(
     """`train` for any two data sets whose items are those of `SixDroneSyn`, and any network made from a ModelConfig.
 
     Raises:
-        InputError: `out` holds something and `resume` is off; `resume` with other settings or other data than `out` was made with;
-        a loss that is not finite.
+        InputError: `out` holds something and `resume` is off; `resume` with other settings or other data than `out` was made with; another
+        process trains there; a loss that is not finite.
     """
     out = Path(out)
-    with process_group(config):
+    with process_group(config), contextlib.ExitStack() as held:
         data = describe_data(train_set, val_set) | {"backbone_digest": weights_digest(model_config)}
         main = not dist.is_initialized() or dist.get_rank() == 0
         if main:
             prepare_folder(out, run_settings(network.method, model_config, config, data), resume)
+            held.enter_context(alone(out))
         if dist.is_initialized():
             dist.barrier()
         torch.manual_seed(config.seed)  # the network's first weights
@@ -389,6 +391,16 @@ def train_on(
 
         fit(model, train_set, val_set, config, keep, progress, state)
     return out / BEST
+
+
+@contextlib.contextmanager
+def alone(out: Path) -> Iterator[None]:
+    """Hold a run's folder: two processes that train one run would overwrite each other. Raises InputError if another holds it."""
+    try:
+        with FileLock(out / ".lock", timeout=0):
+            yield
+    except Timeout:
+        raise InputError(f"{out} is being trained by another process: let it finish, or choose another folder") from None
 
 
 def describe_data(train_set: Dataset, val_set: Dataset) -> dict[str, Any]:
