@@ -102,6 +102,7 @@ ABLATIONS: dict[str, Ablation] = {
             Row("keypoints: heatmap", {"keypoint_head": "heatmap"}),
             Row("gate: last layer only", {"gate": "last"}),
             Row("gate: uniform", {"gate": "uniform"}),
+            Row("class: from the features, which it may not change", {"classifier": "features"}),
         ),
         reference="the paper's heads",
         seeds=1,
