@@ -12,8 +12,6 @@ are too good to be true. So ours is pretrained on the same scenes flown with oth
 from __future__ import annotations
 
 import json
-import shlex
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -26,7 +24,7 @@ from torch.utils.data import ConcatDataset, Dataset
 
 from dronekeypp import __version__, rotations
 from dronekeypp.errors import InputError
-from dronekeypp.files import write_beside
+from dronekeypp.files import command_line, write_beside
 from dronekeypp.model.backbone import Backbone, save_backbone
 from dronekeypp.model.base import PoseNetwork
 from dronekeypp.model.config import ModelConfig
@@ -129,7 +127,7 @@ def pretrain(
     parts = [SixDroneSyn(root, "train", size=size, augment=config.augment, seed=config.seed + i) for i, root in enumerate(dataset_roots)]
     train_set = parts[0] if len(parts) == 1 else Joined(parts)
     val_set = SixDroneSyn(val_root or dataset_roots[0], "val", size=size)
-    command = command or f"python -m dronekeypp {shlex.join(sys.argv[1:])}"
+    command = command or command_line()
     return pretrain_to(train_set, val_set, out_file, model_config, config, resume, progress, command)
 
 

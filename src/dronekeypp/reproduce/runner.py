@@ -12,7 +12,6 @@ import io
 import json
 import os
 import platform
-import shlex
 import sys
 import zipfile
 from collections.abc import Callable, Iterable, Sequence
@@ -28,7 +27,7 @@ from dronekeypp import __version__
 from dronekeypp.baselines import NETWORKS, network_class
 from dronekeypp.errors import InputError
 from dronekeypp.evaluate import FORMAT, averages, evaluate, plain, summarise
-from dronekeypp.files import write_beside
+from dronekeypp.files import command_line, write_beside
 from dronekeypp.model import ModelConfig
 from dronekeypp.model.base import WEIGHTS
 from dronekeypp.presets import TrainConfig
@@ -247,7 +246,7 @@ def rows_and_averages(frames: dict[str, np.ndarray], **labels) -> tuple[list[dic
 
 def result(name: str, bench: Bench, stories: Sequence[dict], dataset: dict[str, Any] | None = None, **parts) -> dict[str, Any]:
     """A recorded result: what was run, on what (default: the bench's data), for how long, and its rows."""
-    command = f"python -m dronekeypp {shlex.join(sys.argv[1:])}" if sys.argv[1:2] == ["reproduce"] else None
+    command = command_line() if sys.argv[1:2] == ["reproduce"] else None
     return {
         "name": name,
         "command": command,
