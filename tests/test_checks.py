@@ -12,7 +12,8 @@ from dronekeypp import checks
 from dronekeypp.checks import CORRECT, NOTEBOOKS, UNTOUCHED, Exercise
 
 ROOT = Path(__file__).parents[1]
-ALL = [(module, exercise) for module in NOTEBOOKS if (Path(checks.__file__).parent / f"{module}.py").exists() for exercise in checks.exercises(module).values()]
+WRITTEN = [module for module in NOTEBOOKS if (Path(checks.__file__).parent / f"{module}.py").exists()]
+ALL = [(module, exercise) for module in WRITTEN for exercise in checks.exercises(module).values()]
 IDS = [f"{module}-{exercise.name}" for module, exercise in ALL]
 FOLDED = re.compile(r"<details>\s*<summary>(\w+)</summary>(.*?)</details>", re.S)
 

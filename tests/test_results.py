@@ -1,5 +1,7 @@
 """What the repository ships as measured: tables made from recorded results, a checkpoint that does what they say."""
 
+import dataclasses
+import importlib
 import json
 import re
 import sys
@@ -8,9 +10,10 @@ from pathlib import Path
 import pytest
 
 from dronekeypp.baselines import load_network
+from dronekeypp.errors import InputError
 from dronekeypp.evaluate import evaluate, measure
 from dronekeypp.files import command_line
-from dronekeypp.reproduce import ablations, domains, figure6, read_result, table3, tables
+from dronekeypp.reproduce import ablations, claims, domains, figure6, read_result, table3, tables
 from dronekeypp.reproduce.runner import describe
 from dronekeypp.sixdronesyn.dataset import SixDroneSyn
 
@@ -79,3 +82,39 @@ def test_the_shipped_checkpoint_does_what_its_row_says():
 def test_the_samples_flight_is_what_its_command_makes():
     flight = describe(ROOT / "data_samples" / "flight")
     assert (flight["test_frames"], flight["stride"], flight["train_frames"]) == (180, 2, 0)
+
+
+# --- the table of claims ---------------------------------------------------------------------------------------------------------------
+
+
+def test_the_claims_in_the_readme_are_those_of_the_recorded_results():
+    text = (ROOT / "README.md").read_text()
+    assert text == claims.into(text, claims.markdown(claims.Results()))
+
+
+@pytest.mark.parametrize("claim", claims.CLAIMS, ids=lambda c: f"{c.where}: {c.says}"[:60])
+def test_a_claim_points_at_what_there_is_and_still_holds(claim):
+    package, _, name = f"dronekeypp.{claim.code}".rpartition(".")
+    try:
+        assert hasattr(importlib.import_module(package), name)
+    except ModuleNotFoundError:
+        importlib.import_module(f"{package}.{name}")
+    assert (ROOT / claims.source_of(claim.code)).is_file()
+    file, _, function = claim.test.partition("::")
+    assert f"def {function}(" in (ROOT / "tests" / file).read_text() if function else (ROOT / "tests" / file).is_file()
+    notebook = json.loads((ROOT / "notebooks" / f"{claim.notebook}.ipynb").read_text())
+    headings = [line for cell in notebook["cells"] if cell["cell_type"] == "markdown" for line in "".join(cell["source"]).split("\n")]
+    assert any(re.match(rf"## {claim.section}\b", line) for line in headings)
+    assert claim.verdict in (claims.REPRODUCED, claims.DIFFERS, claims.NOT_ATTEMPTED)
+    assert claim.why or claim.verdict == claims.REPRODUCED
+    if claim.holds:
+        assert claim.holds(claims.Results()), "the verdict no longer fits the results"
+
+
+def test_a_verdict_that_no_longer_holds_is_told(monkeypatch, tmp_path):
+    wrong = dataclasses.replace(next(c for c in claims.CLAIMS if c.holds), holds=lambda results: False)
+    monkeypatch.setattr(claims, "CLAIMS", (wrong,))
+    with pytest.raises(InputError, match="no longer fits the results"):
+        claims.reproduce(tmp_path)
+    with pytest.raises(InputError, match="has lost the marks"):
+        claims.into("no marks", "table")

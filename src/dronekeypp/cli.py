@@ -106,6 +106,13 @@ def _export(args):
         print(f"largest differences to PyTorch over {len(dataset)} test frames: " + ", ".join(f"{k} {v:.1e}" for k, v in found.items()))
 
 
+def _check(args):
+    from .needs import check
+
+    if not check():
+        raise InputError("something is missing; the lines above say how to mend it")
+
+
 def _bench(args):
     from .bench import bench
 
@@ -184,6 +191,9 @@ def parser():
     p.add_argument("--check", type=Path, metavar="DATASET", help="compare with PyTorch on its test split")
     p.set_defaults(run=_export)
 
+    p = verbs.add_parser("check", help="what the course needs of this machine: [ok], or [missing] with the mend")
+    p.set_defaults(run=_check)
+
     p = verbs.add_parser("bench", help="frames a second, beside YOLOv8n-pose + PnP and two larger networks, in turn")
     p.add_argument("--checkpoint", type=Path, action="append", help=f"repeat as you like; default: {' and '.join(map(str, SHIPPED))}")
     p.add_argument("--json", type=Path, metavar="FILE", help="also write the rows there")
@@ -193,7 +203,7 @@ def parser():
     p.set_defaults(run=_bench)
 
     p = verbs.add_parser("reproduce", help="measure a table from nothing: render, train, evaluate, write; run it again to resume")
-    p.add_argument("name", metavar="NAME", help="table3 to table6, heads, rays, degraded, priors, figure6, domains, beyond")
+    p.add_argument("name", metavar="NAME", help="table3 to table6, heads, rays, degraded, priors, figure6, domains, beyond, claims")
     p.add_argument("--preset", default="cpu", help="cpu (default) or paper")
     p.add_argument("--seeds", type=int, metavar="N", help="trainings a row (default: 3 for table4, 5 and 6, else 1)")
     p.add_argument("--set", action="append", metavar="key=value", help="change one setting of every run")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from dronekeypp.errors import InputError
-from dronekeypp.reproduce import ablations, beyond, domains, figure6, priors, table3
+from dronekeypp.reproduce import ablations, beyond, claims, domains, figure6, priors, table3
 from dronekeypp.reproduce.runner import Bench, read_result
 
 # What one training may cost, by preset. `cpu`: 470,000 crops for the four methods of Table 3, about 40 quiet minutes on two cores, and a
@@ -31,6 +31,7 @@ NAMES: dict[str, Callable[[Bench, int | None], dict[str, Any]]] = {
     "domains": _domains,
     "beyond": lambda bench, seeds: beyond.reproduce(bench, seeds or 1),
     "figure6": lambda bench, _: figure6.reproduce(bench),
+    "claims": lambda bench, _: claims.reproduce(bench.root),
 }
 FULL = ("table3", "domains", "beyond")  # at the full budget, and sharing their runs; the others are ablations, and share theirs
 
