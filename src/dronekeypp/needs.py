@@ -1,4 +1,4 @@
-"""`python -m dronekeypp check`: what the course needs of this machine, a line each: [ok], [missing] with the mend, or [extra] for what it can do without."""
+"""`python -m dronekeypp check`: what the course needs of this machine: [ok]; [missing], with the mend; [extra], it can do without."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Need:
 
 
 def python() -> str:
-    if sys.version_info < (3, 11):
+    if sys.version_info < (3, 11):  # noqa: UP036 (whoever has another Python is who should read this)
         raise InputError(f"this is Python {sys.version.split()[0]}: make the environment with Python 3.11 or newer")
     return sys.version.split()[0]
 

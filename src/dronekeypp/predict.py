@@ -37,6 +37,7 @@ from .footage import Calibration, Footage, Tracker, check_box, open_footage, rea
 from .model import DroneKeyPP
 from .sequences import gaussian
 from .sixdronesyn.drones import DRONES
+from .sixdronesyn.own import VARIABLE
 
 JOURNAL, POSES, SETTINGS = "frames.csv", "poses.csv", "settings.json"
 COLUMNS = (
@@ -100,6 +101,8 @@ def predict(
     if (boxes is None) == (box is None):
         raise InputError("give either --boxes FILE or --box x,y,w,h of the drone in the first frame")
     network, weights = load_checkpoint(checkpoint)
+    if network.config.classes > len(DRONES):
+        raise InputError(f"{checkpoint} knows {network.config.classes} drones, here are {len(DRONES)}: set {VARIABLE} to the folder with yours")
     if isinstance(network, DroneKeyPP):
         network.to("cuda" if torch.cuda.is_available() else "cpu")
     out = Path(out)

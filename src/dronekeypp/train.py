@@ -344,10 +344,13 @@ def train(
     """
     from dronekeypp.baselines import network_class
     from dronekeypp.sixdronesyn.dataset import SixDroneSyn  # here, so that a network trains on other data without it
+    from dronekeypp.sixdronesyn.drones import DRONES
 
     network = network_class(method)
     model_config, config = presets.preset(preset, {**network.defaults, **(overrides or {})})
     size = model_config.image_size
+    if len(DRONES) > model_config.classes:
+        raise InputError(f"there are {len(DRONES)} drones and {model_config.classes} classes: --set classes={len(DRONES)}")
     train_set = SixDroneSyn(dataset_root, "train", size=size, augment=config.augment, degrade=config.degrade, seed=config.seed)
     val_set = SixDroneSyn(dataset_root, "val", size=size)
     return train_on(train_set, val_set, out, model_config, config, resume, progress, network=network)

@@ -276,8 +276,7 @@ def record(bench: Bench, parts: list[dict[str, Any]]) -> dict[str, Any]:
     folder = bench.root / "figures"
     folder.mkdir(parents=True, exist_ok=True)
     write_beside(folder / "beyond.md", markdown(recorded).encode())
-    names = side_by_side(recorded)
-    write_figure(folder / "beyond.png", panels(recorded, names, [variant or "the paper's" for _, variant in names], lambda name, key: None))
+    write_figure(folder / "beyond.png", draw(recorded))
     if recorded["doubt"] and recorded["occlusion"]:
         write_figure(folder / "beyond_doubt.png", draw_doubt(recorded))
     return recorded
@@ -318,6 +317,12 @@ def markdown(recorded: dict[str, Any]) -> str:
         lines += ["| | R MedAE (deg) | t MedAE (m) | predicted / true distance |", "|---|---:|---:|---:|"]
         lines += [f"| {row['variant']} | {row['R_medae_deg']:.1f} | {row['t_medae_m']:.2f} | {row['distance_ratio']:.2f} |" for row in left_out]
     return "\n".join(lines) + "\n"
+
+
+def draw(recorded: dict[str, Any]) -> plt.Figure:
+    """Both networks, and the parts of ours, a panel a metric."""
+    names = side_by_side(recorded)
+    return panels(recorded, names, [variant or "the paper's network" for _, variant in names], lambda name, key: None)
 
 
 def draw_doubt(recorded: dict[str, Any]) -> plt.Figure:

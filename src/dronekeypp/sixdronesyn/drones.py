@@ -11,8 +11,11 @@ narrower the rear is than the front, are estimated from how the drone looks.
 """
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
+
+from . import own
 
 KEYPOINT_NAMES = ("front-left", "front-right", "rear-right", "rear-left")
 
@@ -42,6 +45,10 @@ class Drone:
     estimated: tuple[str, ...] = ()
     # the published length and width reach from motor axis to motor axis, not to the outer edge (see Air2)
     box_between_axes: bool = False
+    # one of your own (see own.py): its mesh, metres per unit of it, and what tells this mesh and these numbers from others
+    mesh: Path | None = None
+    mesh_scale: float = 1.0
+    digest: str | None = None
 
     @property
     def propeller_radius(self) -> float:
@@ -119,4 +126,5 @@ _LIST = (
     ),
 )  # fmt: skip
 
-DRONES: dict[str, Drone] = {drone.name: drone for drone in _LIST}
+SEVEN = tuple(drone.name for drone in _LIST)
+DRONES: dict[str, Drone] = {drone.name: drone for drone in (*_LIST, *(Drone(**fields) for fields in own.read(SEVEN)))}

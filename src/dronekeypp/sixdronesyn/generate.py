@@ -249,6 +249,8 @@ def generate(root, scene_numbers=None, drone_names=None, frames="crop", size=128
         "environment_digests": {Path(f).name: digest(Path(f).read_bytes()) for f in files},
     }
     plan = scenes.subsequences(scene_numbers, drone_names)
+    own = {name: DRONES[name].digest for name in dict.fromkeys(s.drone for s in plan) if DRONES[name].digest}
+    settings |= {"own_drones": own} if own else {}
     root.mkdir(parents=True, exist_ok=True)
     with _lock(root):
         _start_manifest(root, settings, plan)

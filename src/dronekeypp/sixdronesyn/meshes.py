@@ -99,4 +99,26 @@ def drone_mesh(name: str) -> DroneMesh:
     if name not in DRONES:
         raise InputError(f"drone {name!r} is unknown; choose one of {', '.join(DRONES)}")
     drone = DRONES[name]
-    return DroneMesh(drone, merge(parts(name)), drone.hubs, hub_clearance=1.15 * drone.motor_radius)
+    body = merge(parts(name)) if drone.mesh is None else read_body(drone)
+    return DroneMesh(drone, body, drone.hubs, hub_clearance=1.15 * drone.motor_radius)
+
+
+def read_body(drone: Drone) -> pv.PolyData:
+    """The mesh of a drone of your own, as `merge` makes those of the seven. Raises InputError if it is none, or not of a drone's size."""
+    try:
+        mesh = pv.read(drone.mesh).extract_surface(algorithm="dataset_surface").triangulate()
+        colours = next((np.asarray(mesh.point_data[name])[:, :3] for name in ("RGB", "rgb", "RGBA") if name in mesh.point_data), None)
+        mesh.clear_data()
+        if colours is not None:
+            mesh.point_data["rgb"] = np.asarray(colours, np.uint8)
+        mesh = mesh.compute_normals(cell_normals=False, split_vertices=True, feature_angle=38.0, auto_orient_normals=True)
+    except Exception as error:  # PyVista's readers and filters have no common one
+        raise InputError(f"{drone.mesh}: not a mesh that PyVista reads ({str(error).splitlines()[0]})") from None
+    mesh.points = (np.asarray(mesh.points, float) * drone.mesh_scale).astype(np.float32)
+    size = np.ptp(np.asarray(mesh.points), axis=0).max()
+    if not 0.5 < size / drone.wheelbase < 4:
+        raise InputError(f"{drone.mesh}: {size:.3g} m large, but its hubs are {drone.wheelbase:.3g} m apart; is mesh_unit right?")
+    if "rgb" not in mesh.point_data:
+        mesh.point_data["rgb"] = np.tile(np.uint8(drone.hull_rgb), (mesh.n_points, 1))
+    mesh.point_data["specular"] = np.full(mesh.n_points, 0.25, np.float32)
+    return mesh

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from ..camera import intrinsics
-from .drones import DRONES
+from .drones import DRONES, SEVEN
 
 FPS = 30
 SUBSEQUENCES = 3  # backgrounds a scene and drone
@@ -108,9 +108,13 @@ def split_environments(n):
 
 
 def background(subsequence, environments, seed=0):
-    """(environment number, quarter turns about z) behind a flight. Each split deals its environments × 4 turns out like a pack of cards."""
+    """(environment number, quarter turns about z) behind a flight. Each split deals its environments × 4 turns out like a pack of cards.
+
+    The seven drones get theirs first, so that a drone of your own changes none of their frames.
+    """
     pool = [(e, turn) for e in split_environments(environments)[subsequence.split] for turn in range(4)]
-    order = [s for s in subsequences() if s.split == subsequence.split].index(subsequence)
+    family = [drone for drone in DRONES if (drone in SEVEN) == (subsequence.drone in SEVEN)]
+    order = [s for s in subsequences(drones=family) if s.split == subsequence.split].index(subsequence)
     shuffled = np.random.default_rng([seed, SPLITS.index(subsequence.split), order // len(pool), 88]).permutation(len(pool))
     return pool[shuffled[order % len(pool)]]
 
