@@ -104,6 +104,38 @@ def test_what_a_notebook_builds_is_what_the_package_holds(source, name):
     assert bare(ast.unparse(there[0])) == bare(ours)
 
 
+# A function of a notebook that has the name of one in the package and is not the same, and why that is on purpose.
+OF_THE_SAME_NAME = {
+    ("01_dataset", "describe"): "of a flight's geometry; the package describes data sets",
+    ("03_keypoint_encoder", "look"): "a look inside the encoder; the package looks up colours",
+    ("03_keypoint_encoder", "fit"): "the shortest loop that trains an encoder on stored features; notebook 07 builds towards the package's",
+    ("04_cls_classifier", "fit"): "as in notebook 03",
+    ("04_cls_classifier", "measure"): "two numbers on stored features; notebook 08 explains the package's twelve",
+    ("08_evaluation_baselines", "difference"): "of two methods with one seed; notebook 09 explains the seeds, which the package's asks for",
+    ("08_evaluation_baselines", "medians"): "along an axis of a figure; the package's are of a table",
+    ("08_evaluation_baselines", "smooth"): "in frames and by hand; notebook 11 uses the package's, in seconds and with gaps",
+    ("11_sequences_speed", "flights_of"): "of recorded predictions; the package groups pictures",
+    ("11_sequences_speed", "title"): "of a row of the speed table",
+}
+
+
+def package_names():
+    """Every public function and class of the package but the exercises."""
+    files = [p for p in (ROOT / "src" / "dronekeypp").rglob("*.py") if "checks" not in p.parts]
+    kinds = (ast.FunctionDef, ast.ClassDef)
+    return {n.name for p in files for n in ast.parse(p.read_text()).body if isinstance(n, kinds) and not n.name.startswith("_")}
+
+
+def test_what_has_a_name_of_the_package_is_the_same_or_says_why_not():
+    names, found = package_names(), set()
+    for path in NOTEBOOKS:
+        for cell in cells(path):
+            tagged = {tag.rsplit(".", 1)[1] for tag in cell["metadata"].get("tags", []) if tag.startswith("builds:")}
+            defined = {n.name for n in ast.parse("".join(cell["source"])).body if isinstance(n, (ast.FunctionDef, ast.ClassDef))}
+            found |= {(path.stem, name) for name in defined & names - tagged}
+    assert found == set(OF_THE_SAME_NAME)
+
+
 def test_the_comparison_sees_a_changed_line():
     a = "def f(x: int) -> int:\n    'doc'\n    return x + 1\n"
     assert bare(a) == bare("def f(x):\n    return x + 1\n")

@@ -279,6 +279,17 @@ def test_a_covariance_is_judged_by_how_often_it_holds():
     np.testing.assert_allclose(beyond.calibration(3 * error, covariance), 3, atol=0.1)
 
 
+def test_a_mirror_that_says_the_same_changes_nothing():
+    keypoints, sigma = torch.rand(2, 4, 2), torch.rand(2, 4) + 0.1
+    swap = [1, 0, 3, 2]
+    mirror = {"keypoints": torch.stack([1 - keypoints[:, swap, 0], keypoints[:, swap, 1]], dim=2), "keypoint_sigma": sigma[:, swap]}
+    both = beyond.merged({"keypoints": keypoints, "keypoint_sigma": sigma}, mirror)
+    torch.testing.assert_close(both["keypoints"], keypoints)
+    torch.testing.assert_close(both["keypoint_sigma"], sigma)
+    unsure = {**mirror, "keypoints": mirror["keypoints"] + 1, "keypoint_sigma": 100 * mirror["keypoint_sigma"]}
+    assert (beyond.merged({"keypoints": keypoints, "keypoint_sigma": sigma}, unsure)["keypoints"] - keypoints).abs().max() < 1e-3
+
+
 def test_a_hidden_square_is_as_large_as_it_says(finished):
     data = SixDroneSyn(finished[1], "test", size=48)
     plain, covered = data[3], beyond.Hidden(data, 0.25)[3]

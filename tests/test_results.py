@@ -89,7 +89,7 @@ def test_the_samples_flight_is_what_its_command_makes():
 
 def test_the_claims_in_the_readme_are_those_of_the_recorded_results():
     text = (ROOT / "README.md").read_text()
-    assert text == claims.into(text, claims.markdown(claims.Results()))
+    assert text == claims.into(text, claims.Results())
 
 
 @pytest.mark.parametrize("claim", claims.CLAIMS, ids=lambda c: f"{c.where}: {c.says}"[:60])
@@ -117,4 +117,4 @@ def test_a_verdict_that_no_longer_holds_is_told(monkeypatch, tmp_path):
     with pytest.raises(InputError, match="no longer fits the results"):
         claims.reproduce(tmp_path)
     with pytest.raises(InputError, match="has lost the marks"):
-        claims.into("no marks", "table")
+        claims.into("no marks", claims.Results())

@@ -40,6 +40,7 @@ WITHOUT = {
 }
 PARTS = {  # the geometric network's other answers
     "direct": "geometric, direct branch alone",
+    "twice": "geometric, asked twice: the crop and its mirror",
     "told": "geometric, told the class",
     "noisy": "geometric, told class, true keypoints with its noise",
     "exact": "geometric, told class, true keypoints",
@@ -75,6 +76,7 @@ def answers(model: DroneKeyPP, dataset: Dataset, parts: Iterable[str] = PARTS) -
         items = to_device(items, device)
         K, square = items["K"], items["square"]
         encoded = model.encode(items["image"])
+        mirrored = model.encode(items["image"].flip(3)) if "twice" in parts else None
         probs = encoded["class_logits"].softmax(dim=1)
         true_class = one_hot(items["label"], model.config.classes).to(probs)
         order = torch.randperm(len(K), generator=shuffle).to(device)  # another frame's noise, and what was claimed for it
@@ -86,12 +88,25 @@ def answers(model: DroneKeyPP, dataset: Dataset, parts: Iterable[str] = PARTS) -
         for name, given in (("told", encoded), ("noisy", noisy), ("exact", exact)):
             if name in parts:
                 answer[name] = {**model.decode(given, true_class, K, square), "keypoints": given["keypoints"]}
+        if mirrored:
+            both = merged(encoded, mirrored)
+            answer["twice"] = {**model.decode(both, probs, K, square), "keypoints": both["keypoints"]}
         for name in ("", *parts):
             found[name].append(frame_errors({"keypoints": encoded["keypoints"], "class_probs": probs, **answer[name]}, items))
         found["error"].append(torch.cat([chord(items["R"], whole["R"]), items["t"] - whole["t"]], dim=1).cpu())
         found["covariance"].append(whole["covariance"].cpu())
     joined: dict[str, Any] = {name: torch.cat(found.pop(name)).numpy().astype(np.float64) for name in ("error", "covariance")}
     return joined | {name: {key: np.concatenate([part[key] for part in batches]) for key in batches[0]} for name, batches in found.items()}
+
+
+def merged(encoded: dict[str, Tensor], mirrored: dict[str, Tensor]) -> dict[str, Tensor]:
+    """What a crop showed, with the keypoints averaged with those of its mirror, each weighted by its own claim; the claim is the average one's,
+    not smaller: two looks at one picture err alike."""
+    swap = [1, 0, 3, 2]  # FL, FR, RR, RL
+    back = torch.stack([1 - mirrored["keypoints"][:, swap, 0], mirrored["keypoints"][:, swap, 1]], dim=2)
+    one, other = (sigma.pow(-2) for sigma in (encoded["keypoint_sigma"], mirrored["keypoint_sigma"][:, swap]))  # (B, 4)
+    keypoints = (one[..., None] * encoded["keypoints"] + other[..., None] * back) / (one + other)[..., None]
+    return {**encoded, "keypoints": keypoints, "keypoint_sigma": (2 / (one + other)).sqrt()}
 
 
 def surprise(error: np.ndarray, covariance: np.ndarray) -> dict[str, np.ndarray]:
