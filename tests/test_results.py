@@ -13,7 +13,7 @@ from dronekeypp.baselines import load_network
 from dronekeypp.errors import InputError
 from dronekeypp.evaluate import evaluate, measure
 from dronekeypp.files import command_line
-from dronekeypp.reproduce import ablations, claims, domains, figure6, read_result, table3, tables
+from dronekeypp.reproduce import ablations, beyond, claims, domains, figure6, read_result, table3, tables
 from dronekeypp.reproduce.runner import describe
 from dronekeypp.sixdronesyn.dataset import SixDroneSyn
 
@@ -82,6 +82,30 @@ def test_the_shipped_checkpoint_does_what_its_row_says():
 def test_the_samples_flight_is_what_its_command_makes():
     flight = describe(ROOT / "data_samples" / "flight")
     assert (flight["test_frames"], flight["stride"], flight["train_frames"]) == (180, 2, 0)
+
+
+def test_beyond_is_made_from_its_recorded_result():
+    recorded = read_result("beyond")
+    assert (ROOT / "figures" / "beyond.md").read_text() == beyond.markdown(recorded)
+    row = {variant: tables.average(recorded, "DroneKey++", variant) for _, variant in tables.methods(recorded)}
+    paper, ours, exact = row[None], row["geometric"], row[beyond.PARTS["exact"]]
+    table3 = tables.average(read_result("table3"), "DroneKey++", None)
+    assert all(paper[key] == table3[key] for key in ("R_mae_deg", "t_mae_m", "class_accuracy"))  # one run, two tables
+    assert ours["R_mae_deg"] <= 6 and ours["R_medae_deg"] <= 3 and ours["flip_rate"] < 0.0105  # the goals that were met
+    assert all(ours[key] < paper[key] / 1.5 for key in ("R_mae_deg", "R_medae_deg", "t_mae_m", "t_medae_m"))
+    assert exact["R_mae_deg"] < 1 and exact["t_mae_m"] < 0.05  # what the solver could do
+    [doubt] = [doubt for doubt in recorded["doubt"] if doubt["variant"] == "geometric"]
+    assert all(abs(doubt["coverage"][name][4] - 0.5) < 0.1 and abs(doubt["coverage"][name][8] - 0.9) < 0.06 for name in beyond.HALVES)
+
+
+def test_the_shipped_geometric_network_does_what_its_row_says():
+    model = load_network(ROOT / "data_samples" / "beyond")
+    assert (ROOT / "data_samples" / "beyond" / "model.safetensors").stat().st_size < 10e6
+    measured = measure(evaluate(model, SixDroneSyn(ROOT / "data_samples" / "crops", "test", size=model.config.image_size)))
+    recorded = tables.average(read_result("beyond"), "DroneKey++", "geometric")
+    assert abs(measured["class_accuracy"] - recorded["class_accuracy"]) < 0.03
+    for key, factor in (("R_medae_deg", 1.3), ("t_medae_m", 1.4)):  # a twentieth of the frames
+        assert 1 / factor < measured[key] / recorded[key] < factor
 
 
 # --- the table of claims ---------------------------------------------------------------------------------------------------------------

@@ -13,6 +13,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
+from matplotlib.ticker import LogLocator, NullFormatter
 from scipy.stats import chi2
 from torch import Tensor
 from torch.nn.functional import one_hot
@@ -356,6 +357,10 @@ def draw_doubt(recorded: dict[str, Any]) -> plt.Figure:
         low, high = min(claims + errors), max(claims + errors)
         ax.plot([low, high], [low, high], color="grey", linestyle="--", linewidth=1)
         ax.set(xlabel=f"claimed deviation, {unit}", ylabel=f"error, {unit}", title=f"{name}: tenths of the frames")
+        for axis in (ax.xaxis, ax.yaxis):
+            axis.set_major_locator(LogLocator(subs=(1, 3)))
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(NullFormatter())
     for variant, style in ((None, "s--"), (GEOMETRIC.variant, "o-")):
         rows = [row for row in recorded["occlusion"] if row["variant"] == variant]
         axes[3].plot([100 * row["hidden"] for row in rows], [row["R_deg"] for row in rows], style, label=variant or "the paper's")

@@ -104,7 +104,7 @@ def panels(
             if row[key] is not None:
                 low, high = row.get(f"{key}_ci95") or (row[key], row[key])
                 ax.plot([low, high], [i, i], color="#0072B2", linewidth=1.5)
-                ax.plot(row[key], i, "o", color="#0072B2", markersize=5, label="ours, 95 % interval over the sequences")
+                ax.plot(row[key], i, "o", color="#0072B2", markersize=5, label="measured here, 95 % interval over the sequences")
             if len(seeds) > 1:
                 ax.plot(seeds, [i] * len(seeds), "|", color="black", markersize=7, label="each seed")
             if theirs is not None:
