@@ -13,7 +13,7 @@ _seconds, _peak_mb = {}, {}
 def _promised(path):
     """Minutes that the first cell of a notebook promises, or None."""
     first = "".join(json.loads(path.read_text(encoding="utf-8"))["cells"][0]["source"])
-    found = re.search(r"\*\*Time\*\* (?:about|under) (\d+) minutes? on two cores", first)
+    found = re.search(r"\*\*Time\*\* about (\d+) minutes? on two cores", first)
     return int(found.group(1)) if found else None
 
 def _kernel_mb():

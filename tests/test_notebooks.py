@@ -54,6 +54,14 @@ def test_the_readme_lists_it(path):
     assert path.name in (ROOT / "README.md").read_text()
 
 
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=IDS)
+def test_it_promises_no_fewer_minutes_than_the_readme_says_it_takes(path):
+    promised = re.search(r"\*\*Time\*\* about (\d+) minutes? on two cores", "".join(cells(path, "markdown")[0]["source"]))
+    row = next(line for line in (ROOT / "README.md").read_text().splitlines() if f"({path.parent.name}/{path.name})" in line and line.startswith("|"))
+    minutes, memory = re.search(r"\| ([\d.]+) \| ([\d.]+) GB \|$", row).groups()
+    assert 0 < float(minutes) <= int(promised.group(1)) and 0 < float(memory) < 4
+
+
 # --- a notebook builds, the package holds: both must be the same code -------------------------------------------------------------------
 
 
