@@ -115,3 +115,10 @@ def crop_image(image, square, size):
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     cut = cv2.warpAffine(image, affine, (size * fine, size * fine), flags=flags, borderMode=cv2.BORDER_REPLICATE)
     return cut if fine == 1 else cv2.resize(cut, (size, size), interpolation=cv2.INTER_AREA)
+
+
+def mirror_keypoints(keypoints):
+    """Keypoints (B, 4, 2) in crop units as the same crop shows them in a mirror: left is right, and left and right hubs change names."""
+    swapped = keypoints[:, [1, 0, 3, 2]]  # FL, FR, RR, RL
+    stack = np.stack if isinstance(keypoints, np.ndarray) else torch.stack
+    return stack([1 - swapped[..., 0], swapped[..., 1]], -1)

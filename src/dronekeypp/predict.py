@@ -29,7 +29,7 @@ import torch
 from tqdm import tqdm
 
 from . import plots
-from .camera import clamp_square, crop_image, project, square_around
+from .camera import clamp_square, crop_image, mirror_keypoints, project, square_around
 from .errors import InputError
 from .export import OnnxNetwork, load_checkpoint
 from .files import write_beside
@@ -280,8 +280,7 @@ def mirror_doubt(network: Callable, image: torch.Tensor, K: torch.Tensor, square
     """
     x, y, side = square.unbind(1)
     other = network(image.flip(3), K, torch.stack([2 * K[:, 0, 2] - x - side, y, side], dim=1))["keypoints"].to(keypoints)
-    back = torch.stack([1 - other[..., 0], other[..., 1]], dim=-1)[:, [1, 0, 3, 2]]  # FL, FR, RR, RL
-    return (back - keypoints).norm(dim=-1).mean(dim=-1)
+    return (mirror_keypoints(other) - keypoints).norm(dim=-1).mean(dim=-1)
 
 
 def to_pose(row: dict[str, str]) -> Pose | None:

@@ -42,6 +42,7 @@ from torch.utils.data import DataLoader, Dataset, Subset
 from tqdm import tqdm
 
 from dronekeypp import presets
+from dronekeypp.camera import mirror_keypoints
 from dronekeypp.errors import InputError
 from dronekeypp.evaluate import apply_model, evaluate, measure, poses, to_device
 from dronekeypp.files import write_beside
@@ -163,11 +164,10 @@ def mirrored(items: dict, chosen: torch.Tensor) -> dict:
     swap = [1, 0, 3, 2]  # FL, FR, RR, RL
     S, body = (torch.diag(torch.tensor(d, device=chosen.device)) for d in ((-1.0, 1.0, 1.0), (1.0, -1.0, 1.0)))
     x, y, side = items["square"].unbind(1)
-    units = items["keypoints"][:, swap]
     other = {
         "image": items["image"].flip(3),
         "square": torch.stack([2 * items["K"][:, 0, 2] - x - side, y, side], dim=1),
-        "keypoints": torch.stack([1 - units[..., 0], units[..., 1]], dim=-1),
+        "keypoints": mirror_keypoints(items["keypoints"]),
         "keypoints_3d": items["keypoints_3d"][:, swap] @ S,
         "R": S @ items["R"] @ body,
         "t": items["t"] @ S,

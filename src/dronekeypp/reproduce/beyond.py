@@ -20,6 +20,7 @@ from torch.nn.functional import one_hot
 from torch.utils.data import DataLoader, Dataset, Subset
 
 from dronekeypp import plots, rotations
+from dronekeypp.camera import mirror_keypoints
 from dronekeypp.evaluate import evaluate, frame_errors, interval_of_mean, plain, poses, to_device
 from dronekeypp.files import write_beside
 from dronekeypp.model import DroneKeyPP
@@ -104,9 +105,8 @@ def merged(encoded: dict[str, Tensor], mirrored: dict[str, Tensor]) -> dict[str,
     """What a crop showed, with the keypoints averaged with those of its mirror, each weighted by its own claim; the claim is the average one's,
     not smaller: two looks at one picture err alike."""
     swap = [1, 0, 3, 2]  # FL, FR, RR, RL
-    back = torch.stack([1 - mirrored["keypoints"][:, swap, 0], mirrored["keypoints"][:, swap, 1]], dim=2)
     one, other = (sigma.pow(-2) for sigma in (encoded["keypoint_sigma"], mirrored["keypoint_sigma"][:, swap]))  # (B, 4)
-    keypoints = (one[..., None] * encoded["keypoints"] + other[..., None] * back) / (one + other)[..., None]
+    keypoints = (one[..., None] * encoded["keypoints"] + other[..., None] * mirror_keypoints(mirrored["keypoints"])) / (one + other)[..., None]
     return {**encoded, "keypoints": keypoints, "keypoint_sigma": (2 / (one + other)).sqrt()}
 
 
