@@ -23,6 +23,7 @@ from .errors import InputError
 from .model import DroneKeyPP, ModelConfig
 from .model.base import WEIGHTS
 
+EXTRA = ("onnx", "onnxscript", "onnxruntime")  # what the optional extra installs
 INPUTS = ("image", "K", "square")
 OUTPUTS = ("keypoints", "keypoints_px", "class_probs", "R", "t")
 DOUBT = ("covariance",)  # of a network with pose="geometric"
@@ -119,7 +120,7 @@ class OnnxNetwork:
     @staticmethod
     def installed() -> bool:
         """Whether the optional extra is there."""
-        return all(importlib.util.find_spec(package) is not None for package in ("onnx", "onnxscript", "onnxruntime"))
+        return all(importlib.util.find_spec(package) is not None for package in EXTRA)
 
     def __init__(self, path: str | Path, threads: int = 0):
         need("onnxruntime")

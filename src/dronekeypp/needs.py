@@ -112,9 +112,9 @@ def gpu() -> str:
 
 
 def onnx() -> str:
-    from .export import need
+    from .export import EXTRA, need
 
-    need("onnx", "onnxscript", "onnxruntime")
+    need(*EXTRA)
     return "export and the exported file"
 
 

@@ -16,8 +16,9 @@ ENCODER_TERMS = ("L_2D", "L_cls")  # Eq. 9
 DECODER_TERMS = ("L_3D", "L_rot", "L_trans")  # Eq. 11
 TERMS = ENCODER_TERMS + DECODER_TERMS
 SURENESS = 0.01  # weight of the likelihoods of `geometric_loss_terms`
-DISTANT = 0.5  # m
 KEYPOINT_NEAR = 0.02  # crop units, 2 of 96 px: what most keypoints reach
+METRES_NEAR = 0.05  # m
+TURN_NEAR = 0.03  # of ‖R - R*‖, which is 1.4 times a small angle in radians: 1.2°
 SCHEDULES = ("equal", "tanh", "shifted", "biased")
 
 
@@ -57,18 +58,18 @@ def geometric_loss_terms(output: dict, batch: dict, keypoint_unit: float = 1.0) 
     """The same five terms for `pose="geometric"` (see geometry.py), which answers twice: a first guess and the refined pose.
 
     L_2D: absolute error of the sharp and of the encoder's own keypoints, which pulls as hard as the paper's squares do at KEYPOINT_NEAR: from near
-    still, and from far no harder (Sun et al., ECCV 2018) · L_rot, L_trans: MSE of the direct branch's and of the refined pose · L_3D: MSE of the
-    hubs as the refined pose has them, which teaches the shapes. A pose can be far off while the network is young; metres count with their square
-    only up to DISTANT. Every sigma learns by the Gaussian likelihood of the error it stands for; that error is taken as given, so that no branch
-    pays for its doubts with its accuracy.
+    still, and from far no harder (Sun et al., ECCV 2018) · L_rot, L_trans: distance of the direct branch's and of the refined pose · L_3D: distance
+    of the hubs as the refined pose has them, which teaches the shapes. These three also count an error itself and no square of it, down to
+    METRES_NEAR and TURN_NEAR: a square would leave the last degrees and centimetres nearly without a pull. Every sigma learns by the Gaussian
+    likelihood of the error it stands for; that error is taken as given, so that no branch pays for its doubts with its accuracy.
     """
-    near = partial(smooth_l1_loss, beta=DISTANT)
+    near = partial(smooth_l1_loss, beta=METRES_NEAR)
     off = (output["keypoints"] - batch["keypoints"]).square().sum(dim=2)  # (B, 4)
     turned = rotations.geodesic_degrees(output["R_direct"], batch["R"]).deg2rad().square()  # (B,)
     moved = (output["t_direct"] - batch["t"]).square().sum(dim=1) / batch["t"][:, 2].square()  # (B,) as shares of the distance
     steep = partial(smooth_l1_loss, beta=KEYPOINT_NEAR / 4)
     keypoints = 2 * KEYPOINT_NEAR * sum(steep(output[name], batch["keypoints"]) for name in ("keypoints", "coarse_keypoints"))
-    rotation = mse_loss(output["R_direct"], batch["R"]) + mse_loss(output["R"], batch["R"])
+    rotation = (apart(output["R_direct"], batch["R"]) + apart(output["R"], batch["R"])) / 3
     translation = near(output["t_direct"], batch["t"]) + near(output["t"], batch["t"])
     return {
         "L_2D": keypoints * keypoint_unit**2 + SURENESS * likelihood(off, output["keypoint_sigma"], 2),
@@ -77,6 +78,11 @@ def geometric_loss_terms(output: dict, batch: dict, keypoint_unit: float = 1.0) 
         "L_rot": rotation + SURENESS * likelihood(turned, output["angle_sigma"], 3),
         "L_trans": translation + SURENESS * likelihood(moved, output["distance_sigma"], 3),
     }
+
+
+def apart(a: Tensor, b: Tensor) -> Tensor:
+    """Mean distance ‖a - b‖ (Frobenius) of rotations (B, 3, 3), 2√2 sin(angle/2), rounded off below TURN_NEAR so that it has a slope at 0."""
+    return ((a - b).square().sum(dim=(1, 2)) + TURN_NEAR**2).sqrt().mean()
 
 
 def likelihood(squared_error: Tensor, sigma: Tensor, dimensions: int) -> Tensor:
