@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import torch
 from fakes import FakeDrones, saved, tiny
 from torch.utils.data import default_collate
 
@@ -10,7 +11,7 @@ from dronekeypp.baselines import DroneKey
 from dronekeypp.cli import main
 from dronekeypp.errors import InputError
 from dronekeypp.export import DOUBT, OUTPUTS, OnnxNetwork, export, largest_differences, load_checkpoint
-from dronekeypp.model import ModelConfig
+from dronekeypp.model import DroneKeyPP, ModelConfig
 
 GEOMETRIC = {"rays": "split", "pose": "geometric", "classifier": "features"}
 SWITCHES = {"rays": "split", "rotation": "allocentric", "translation": "site", "keypoint_head": "heatmap"}
@@ -65,6 +66,11 @@ def test_what_cannot_be_exported_or_read(tmp_path, monkeypatch):
         load_checkpoint(tmp_path / "key")
     with pytest.raises(InputError, match="not found: make it with"):
         OnnxNetwork(tmp_path / "none.onnx")
+    model = DroneKeyPP(ModelConfig(**tiny()))
+    with torch.no_grad():
+        model.decoder.mlp_pose[-1].bias.fill_(float("nan"))
+    with pytest.raises(InputError, match="the network's answer is not finite"):
+        largest_differences(model.eval(), model, FakeDrones(4))
     (tmp_path / "broken.onnx").write_bytes(b"nothing")
     with pytest.raises(InputError, match="not a readable ONNX file"):
         OnnxNetwork(tmp_path / "broken.onnx")

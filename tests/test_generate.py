@@ -253,7 +253,7 @@ FAULTS = {
     ),
     "box outside": (
         lambda root: _edit(root / "test/000610/scene_gt_info.json", lambda d: d["30"][0].update(bbox_obj=[-5, 5, 3000, 2000])),
-        ["frame 30", "outside the frame"],
+        ["frame 30", "bbox_obj lies outside"],
     ),
     "a list instead of a table": (lambda root: (root / "test/000610/scene_gt.json").write_text("[]"), ["scene_gt.json", "not a table"]),
     "an entry that is null": (
@@ -393,3 +393,25 @@ def test_recolouring_changes_light_and_nothing_else():
     assert a.shape == image.shape and np.abs(a.astype(int) - image).mean() > 3
     grey, recoloured = image.mean(-1).ravel(), a.mean(-1).ravel()
     assert np.corrcoef(grey, recoloured)[0, 1] > 0.9
+
+
+@pytest.mark.parametrize("name", ["behind the camera", "box outside", "other image", "manifest", "own drone"])
+def test_what_cannot_be_learned_from_is_not_read(name, small_dataset, tmp_path):
+    root = tmp_path / "broken"
+    shutil.copytree(small_dataset, root)
+    damage, match = {
+        "behind the camera": (_gt("cam_t_m2c", [0, 0, -1000]), "frame 30: cam_t_m2c puts the drone behind the camera"),
+        "box outside": (FAULTS["box outside"][0], "frame 30: bbox_obj lies outside the stored crop"),
+        "other image": (_repaint, "000030.jpg: not the image that was generated"),
+        "manifest": (lambda root: (root / "manifest.json").write_text("[]"), "not a data set's manifest"),
+        "own drone": (lambda root: _edit(root / "manifest.json", lambda d: d["settings"].update(own_drones={"Racer": "0"})), "another drone Racer"),
+    }[name]
+    shutil.copytree(root / "test/000610", root / "test/000610 (copy)")
+    shutil.copytree(root / "test/000610", root / "test/9")
+    frames = len(SixDroneSyn(root, "test"))
+    assert frames == len(SixDroneSyn(small_dataset, "test"))  # a copy is no flight
+    damage(root)
+    with pytest.raises(InputError, match=match):
+        data = SixDroneSyn(root, "test")
+        for i in range(len(data)):
+            data.stored_image(i)

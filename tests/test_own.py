@@ -110,8 +110,11 @@ def test_bad_folders_and_files(folder, tmp_path, monkeypatch):
         (folder / f"{name}.json").write_text(json.dumps({**RACER, "name": name}))
     with pytest.raises(InputError, match="4 drones; 1 to 3"):
         own.read(SEVEN)
+    (folder / "a.json").write_text('["name", "mesh"]')
+    with pytest.raises(InputError, match="not the fields of a drone but a list"):
+        own.read(SEVEN)
     (folder / "a.json").write_text("{")
-    with pytest.raises(InputError, match="not the JSON of a drone"):
+    with pytest.raises(InputError, match="not valid JSON"):
         own.read(SEVEN)
 
 
@@ -120,5 +123,7 @@ def test_a_mesh_in_the_wrong_unit_or_none_at_all(folder):
     probe += "try: drone_mesh('Racer')\nexcept InputError as error: print(error)"
     (folder / "racer.json").write_text(json.dumps({**RACER, "mesh_unit": "m"}))
     assert "is mesh_unit right?" in run(probe, folder)
+    (folder / "racer.json").write_text(json.dumps({**RACER, "hubs": (np.array(HUBS) + [0, 0, 1]).tolist()}))
+    assert "its middle is 1.03 m away from that of its hubs" in run(probe, folder)
     (folder / "racer.stl").write_bytes(b"nothing")
     assert "not a mesh that PyVista reads" in run(probe, folder)

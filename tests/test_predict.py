@@ -15,6 +15,7 @@ from dronekeypp import predict as predict_module
 from dronekeypp.camera import from_crop, to_crop
 from dronekeypp.cli import main
 from dronekeypp.errors import InputError
+from dronekeypp.files import alone
 from dronekeypp.footage import Calibration, Tracker, open_footage, read_boxes, read_camera
 from dronekeypp.model import DroneKeyPP
 from dronekeypp.predict import JOURNAL, POSES, mirror_doubt, predict, read_journal
@@ -202,9 +203,11 @@ def test_a_folder_is_told_how_fast_it_was_taken(footage, small, tmp_path):
         predict(small, images, camera, tmp_path / "out", rate=0, **given)
 
 
-def test_a_video_and_a_box_in_its_first_frame(small, tmp_path):
-    path, rng = tmp_path / "video.avi", np.random.default_rng(0)
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 25.0, (320, 240))
+@pytest.fixture(scope="module")
+def video(tmp_path_factory):
+    """(a video of 12 frames, a patch that moves by 4 pixels each, and its camera file)."""
+    root, rng = tmp_path_factory.mktemp("video"), np.random.default_rng(0)
+    writer = cv2.VideoWriter(str(root / "video.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 25.0, (320, 240))
     ground = rng.integers(60, 100, (240, 320, 3), dtype=np.uint8)
     target = rng.integers(0, 255, (40, 60, 3), dtype=np.uint8)
     for i in range(12):
@@ -212,18 +215,118 @@ def test_a_video_and_a_box_in_its_first_frame(small, tmp_path):
         image[100:140, 80 + 4 * i : 140 + 4 * i] = target
         writer.write(image)
     writer.release()
+    write_camera(root / "camera.json", [[300.0, 0, 160], [0, 300, 120], [0, 0, 1]], image_width=320, image_height=240)
+    return root / "video.avi", root / "camera.json"
+
+
+def test_a_video_and_a_box_in_its_first_frame(video, small, tmp_path):
+    path, camera = video
     source = open_footage(path)
     assert source.rate == 25 and len(source.names) == 12
     tracker, found = Tracker(np.array([80.0, 100, 60, 40])), []
     for _, image in source.read():
         found.append(tracker.follow(image))
     assert abs(found[-1][0] - 124) < 15 and found[0].tolist() == [80, 100, 60, 40]
-    write_camera(tmp_path / "camera.json", [[300.0, 0, 160], [0, 300, 120], [0, 0, 1]], image_width=320, image_height=240)
-    poses = predict(small, path, tmp_path / "camera.json", tmp_path / "out", box=(80, 100, 60, 40), progress=False)
+    poses = predict(small, path, camera, tmp_path / "out", box=(80, 100, 60, 40), progress=False)
     assert len(poses) == 12 and np.array_equal(poses[0].box, [80, 100, 60, 40])
+    journal = tmp_path / "out" / JOURNAL  # killed after five frames, the tracker goes on where it was
+    journal.write_text("".join(journal.read_text().splitlines(keepends=True)[:6]))
+    again = predict(small, path, camera, tmp_path / "out", box=(80, 100, 60, 40), overlay=False, progress=False)
+    np.testing.assert_array_equal([pose.box for pose in again], [pose.box for pose in poses])
 
 
-def test_one_image_from_the_command_line(footage, small, tmp_path, capsys):
+def test_a_video_whose_header_counts_wrong(video, tmp_path):
+    data = bytearray(video[0].read_bytes())
+    place = data.index(b"avih") + 8 + 16
+    assert int.from_bytes(data[place : place + 4], "little") == 12
+    for count in (5, 2**31 - 1):
+        data[place : place + 4] = count.to_bytes(4, "little")
+        (tmp_path / "video.avi").write_bytes(data)
+        assert len(open_footage(tmp_path / "video.avi").names) == 12
+
+
+def test_a_film_that_could_not_be_written_whole_is_told(video, small, tmp_path, monkeypatch):
+    real = cv2.VideoWriter
+
+    class FullDisk:
+        def __init__(self, *arguments):
+            self.writer, self.room = real(*arguments), 5
+            self.isOpened, self.release = self.writer.isOpened, self.writer.release
+
+        def write(self, image):
+            self.room -= 1
+            if self.room > 0:
+                self.writer.write(image)
+
+    monkeypatch.setattr(cv2, "VideoWriter", FullDisk)
+    with pytest.raises(InputError, match="could not be written whole; is the disk full"):
+        predict(small, *video, tmp_path / "out", box=(80, 100, 60, 40), progress=False)
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["frames.csv", "poses.csv", "settings.json", "trajectory.png"]
+
+
+def test_what_is_not_ours_is_left_alone(footage, small, tmp_path):
+    images, camera, boxes, _ = footage
+    for name, settings, journal in (
+        ("theirs", '{"theme": "dark"}', None), ("broken", "{", None), ("list", "[]", None), ("csv", None, "frame,x,y,w,h\n0,1,2,3,4\n"),
+    ):  # fmt: skip
+        out = tmp_path / name
+        if settings is None:
+            predict(small, images, camera, out, boxes=boxes, overlay=False, progress=False)
+        out.mkdir(exist_ok=True)
+        if settings:
+            (out / "settings.json").write_text(settings)
+        if journal:
+            (out / JOURNAL).write_text(journal)
+        before = {path.name: path.read_bytes() for path in out.iterdir()}
+        with pytest.raises(InputError, match="choose another folder"):
+            predict(small, images, camera, out, boxes=boxes, overlay=False, progress=False)
+        assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+
+
+def test_other_pictures_under_the_same_folder_are_another_footage(footage, small, tmp_path):
+    images, camera, boxes, _ = footage
+    folder = shutil.copytree(images, tmp_path / "images")
+    predict(small, folder, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=False)
+    shutil.copy(folder / "shot_1.jpg", folder / "shot_0.jpg")
+    with pytest.raises(InputError, match="begun with another footage"):
+        predict(small, folder, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=False)
+
+
+def test_rows_that_cannot_be_read_are_made_again(footage, small, tmp_path):
+    images, camera, boxes, _ = footage
+    whole = predict(small, images, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=False)
+    journal = tmp_path / "out" / JOURNAL
+    lines = journal.read_bytes().splitlines(keepends=True)
+    journal.write_bytes(b"".join([*lines[:3], b"2,shot_2.jpg,ok,\xff" + lines[3].split(b"ok,")[1], *lines[4:]]))
+    again = predict(small, images, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=False)
+    np.testing.assert_allclose([pose.t for pose in again], [pose.t for pose in whole], atol=1e-5)
+
+
+def test_two_processes_may_not_write_one_run(footage, small, tmp_path):
+    images, camera, boxes, _ = footage
+    (tmp_path / "out").mkdir()
+    with alone(tmp_path / "out"), pytest.raises(InputError, match="another process is at work"):
+        predict(small, images, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=False)
+
+
+def test_a_flight_of_the_data_set_is_footage(small, frames, tmp_path):
+    """Its own camera file, and the COCO file of the whole data set, in which every flight has a 000000.jpg."""
+    flight = frames.folders[4]
+    poses = predict(small, flight / "rgb", flight / "scene_camera.json", tmp_path / "out", boxes=frames.root / "coco_test.json", progress=False)
+    np.testing.assert_allclose(poses[0].box, frames.frames[4].box, atol=0.01)
+    np.testing.assert_array_equal(read_camera(flight / "scene_camera.json").K, frames.frames[4].K)
+    with pytest.raises(InputError, match="21 images could be"):
+        read_boxes(frames.root / "coco_test.json", ("000000.jpg",), 1920, 1080, tmp_path)
+
+
+@pytest.mark.parametrize("smooth", [-1, float("nan"), 1e-200])
+def test_a_bad_smoothing(footage, small, tmp_path, smooth):
+    images, camera, boxes, _ = footage
+    with pytest.raises(InputError, match="--smooth .* seconds, at least 0.001"):
+        predict(small, images, camera, tmp_path / "out", boxes=boxes, smooth=smooth, progress=False)
+
+
+def test_one_image_from_the_command_line(footage, small, tmp_path, capsys, monkeypatch):
     images, camera, _, _ = footage
     (tmp_path / "shot_0.txt").write_text("0 0.5 0.5 0.1 0.1\n")
     command = ["predict", str(small), str(images / "shot_0.jpg"), "--camera", str(camera), "--out", str(tmp_path / "out")]
@@ -232,6 +335,8 @@ def test_one_image_from_the_command_line(footage, small, tmp_path, capsys):
     assert cv2.imread(str(tmp_path / "out" / "overlay.png")).shape == (1080, 1920, 3)
     assert main(command) == 2 and "either --boxes FILE or --box" in capsys.readouterr().err
     assert main([*command, "--box", "1,2,3"]) == 2 and "write x,y,w,h" in capsys.readouterr().err
+    monkeypatch.setattr("dronekeypp.cli._predict", lambda args: (_ for _ in ()).throw(KeyboardInterrupt))
+    assert main([*command, "--box", "1,2,3,4"]) == 130 and capsys.readouterr().err == "stopped\n"
 
 
 def test_numbered_names(tmp_path):
@@ -259,6 +364,7 @@ def test_every_format_of_boxes_says_the_same(tmp_path):
     (tmp_path / "yolo").mkdir()
     (tmp_path / "yolo" / "a.txt").write_text("0 0.125 0.4 0.15 0.4 0.9\n0 0.5 0.5 0.1 0.1 0.2\n")
     (tmp_path / "yolo" / "c.txt").write_text("0 0.3 0.65 0.1 0.1\n")
+    (tmp_path / "yolo" / "classes.txt").write_text("drone\n")  # labelImg writes one
     entries = [{"image_id": 5, "bbox": [10, 20, 30, 40]}, {"image_id": 9, "bbox": [50, 60, 20, 10]}]
     coco = {"images": [{"id": 5, "file_name": "x/a.jpg"}, {"id": 9, "file_name": "c.jpg"}], "annotations": entries}
     (tmp_path / "coco.json").write_text(json.dumps(coco))
@@ -280,6 +386,9 @@ def test_every_format_of_boxes_says_the_same(tmp_path):
         ("b.csv", "frame,x,y,w,h\n0,nan,2,5,4\n", "finite"), ("b.csv", "frame,x,y,w,h\n9,1,2,5,4\n", "no box for any of the 3 frames"),
         ("b.txt", "1,2,three\n", "line 1: not numbers"), ("b.txt", "1,2,3\n", "a MOT line is"), ("b.txt", "0 0.5 0.5\n", "a YOLO line is"),
         ("b.json", "{", "not valid JSON"), ("b.json", "{}", "neither a COCO list"),
+        ("b.txt", "0,7,10,20,30,40,0.9\n", "MOT counts from 1"), ("b.csv", "frame,x,y,w,h,score\n0,1,2,5,4,nan\n", "the score is nan"),
+        ("b.csv", "frame,x,y,w,h\n0,0.5,0.5,0.1,0.1\n", "shares of the frame"), ("b.csv", "frame,x,y,w,h\n-1,1,2,5,4\n", "frame -1; the first is"),
+        ("b.json", '[{"image_id": 1e999, "bbox": [1, 2, 3, 4]}]', "entry 0: needs image_id"), ("b.json", "[" * 100000, "not valid JSON"),
         ("b.txt", "nan,1,2,3,4,5\n", "line 1: not finite"), ("b.json", '{"images": [1]}', "an image without id"),
         ("b.json", '{"images": null, "annotations": null}', "neither a COCO list"), ("b.json", '[{"bbox": [1, 2, 3, 4]}]', "entry 0: needs image_id"),
     ],
@@ -309,6 +418,8 @@ def test_opencvs_own_calibration_files(tmp_path):
     np.testing.assert_allclose(found.for_frames(854, 480).K[0, 0], 1000 * 854 / 1280)  # 480p: a third of a pixel off
     with pytest.raises(InputError, match="not the same shape"):
         found.for_frames(640, 480)
+    with pytest.raises(InputError, match="a focal length of 0.9 pixels"):
+        Calibration(np.array([[0.9, 0, 0.5], [0, 0.9, 0.5], [0, 0, 1]])).for_frames(640, 480)
 
 
 def test_a_distorted_frame_is_straightened():
@@ -333,6 +444,9 @@ def test_a_distorted_frame_is_straightened():
         ("c.json", '{"K": [[5, 0, 1], [0, 5, 1], [0, 0, 1]], "fisheye_model": 1}', "a fisheye camera"),
         ("c.json", '{"K": [[-5, 0, 1], [0, 5, 1], [0, 0, 1]]}', "focal lengths must be positive"),
         ("c.json", '{"K": [[5, 0, 1], [0, 5, 1], [0, 0, 1]], "dist_coeffs": [1, 2]}', "distortion has 2 numbers"),
+        ("c.json", '{"K": [[5, 0, 1], [0, 5, 1], [0, 0, 1]], "image_width": -32, "image_height": -24}', "must be positive"),
+        ("c.json", '{"K": [[5, 0, 1], [0, 5, 1], [0, 0, 1]], "image_width": 1e999, "image_height": 24}', "numbers"),
+        ("scene_camera.json", "{}", "not one camera for all"), ("scene_camera.json", '{"0": 1}', "3×3 numbers|no camera_matrix"),
     ],
 )  # fmt: skip
 def test_bad_cameras(name, text, match, tmp_path):

@@ -228,4 +228,7 @@ def main(argv=None):
         line = (str(error).strip().splitlines() or [type(error).__name__])[-1]
         print(f"error: {line.removeprefix('dronekeypp.errors.InputError: ')}", file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        print("stopped", file=sys.stderr)
+        return 130
     return 0

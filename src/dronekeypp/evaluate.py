@@ -298,8 +298,8 @@ def evaluate_checkpoint(
     from dronekeypp.baselines import load_network
     from dronekeypp.sixdronesyn.dataset import SixDroneSyn
 
-    if json_file and not Path(json_file).resolve().parent.is_dir():  # before the work, not after it
-        raise InputError(f"{json_file}: its folder does not exist; make it first")
+    if json_file and (Path(json_file).is_dir() or not Path(json_file).resolve().parent.is_dir()):  # before the work, not after it
+        raise InputError(f"{json_file}: {'a folder, not a file' if Path(json_file).is_dir() else 'its folder does not exist; make it first'}")
     checkpoint = Path(checkpoint)
     best = checkpoint / "best"
     model = load_network(best if (best / "config.json").is_file() else checkpoint)

@@ -138,6 +138,9 @@ class OnnxNetwork:
             raise InputError(f"{path} was not written by `python -m dronekeypp export`") from None
         except Exception as error:  # ONNX Runtime's errors have no common class
             raise InputError(f"{path} is not a readable ONNX file ({str(error).strip().splitlines()[0][:120]})") from None
+        given, answers = self.session.get_inputs(), {output.name for output in self.session.get_outputs()}
+        if [one.name for one in given] != list(INPUTS) or given[0].shape[2:] != [self.config.image_size] * 2 or answers != {*outputs(self.config)}:
+            raise InputError(f"{path}: its settings are not those of its graph; export it again")
 
     def __call__(self, image: Tensor, K: Tensor, square: Tensor) -> dict[str, Tensor]:
         """As `DroneKeyPP.forward`: image (B, 3, S, S) in [0, 1], K (B, 3, 3), square (B, 3)."""
@@ -147,11 +150,18 @@ class OnnxNetwork:
 
 
 def largest_differences(network: DroneKeyPP, exported: OnnxNetwork, dataset: Dataset, batch: int = 64) -> dict[str, float]:
-    """The largest absolute difference of every output over a data set: {name: difference}."""
+    """The largest absolute difference of every output over a data set: {name: difference}.
+
+    Raises:
+        InputError: an output of either is not finite.
+    """
     found = dict.fromkeys(outputs(network.config), 0.0)
     with torch.inference_mode():
         for items in DataLoader(dataset, batch):
             inputs = [items[name] for name in INPUTS]
             one, other = network(*inputs), exported(*inputs)
-            found = {name: max(found[name], float((one[name] - other[name]).abs().max())) for name in found}
+            apart = {name: float((one[name] - other[name]).abs().max()) for name in found}
+            if not np.isfinite(list(apart.values())).all():
+                raise InputError("the network's answer is not finite: its weights hold NaN, or nearly")
+            found = {name: max(found[name], apart[name]) for name in found}
     return found

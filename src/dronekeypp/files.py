@@ -1,9 +1,46 @@
-"""Writing a file so that nobody ever meets half of it, and the command that a file was made with."""
+"""Reading JSON, writing a file so that nobody ever meets half of it, holding a folder, and the command that a file was made with."""
 
+import contextlib
+import json
 import os
 import shlex
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from .errors import InputError
+
+
+def read_json(path: str | Path, missing: str = "not found", mend: str = "") -> Any:
+    """The content of a JSON file; a whole number too long for any purpose comes back as infinity.
+
+    Raises:
+        InputError: missing, or not JSON; the message names the file, and says `missing` or the `mend`.
+    """
+    try:
+        return json.loads(Path(path).read_text(encoding="utf-8"), parse_int=lambda text: int(text) if len(text) < 20 else float(text))
+    except FileNotFoundError:
+        raise InputError(f"{path}: {missing}") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not valid JSON ({error})" + (f"; {mend}" if mend else "")) from None
+
+
+@contextlib.contextmanager
+def alone(folder: Path) -> Iterator[None]:
+    """Hold a folder while writing to it: two processes that work in one would undo each other's work. Raises InputError if another holds it."""
+    lock = folder / ".lock"
+    try:
+        with FileLock(lock, timeout=0):
+            try:
+                yield
+            finally:
+                with contextlib.suppress(OSError):  # Windows does not let go of an open file; then it stays
+                    lock.unlink()
+    except Timeout:
+        raise InputError(f"another process is at work in {folder}: let it finish, or choose another folder") from None
 
 
 def write_beside(path: Path, content: bytes) -> None:

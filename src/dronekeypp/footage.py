@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
-import json
+import ctypes
+import hashlib
+import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,6 +17,7 @@ import numpy as np
 
 from .camera import check_intrinsics
 from .errors import InputError
+from .files import read_json
 
 IMAGES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".m4v", ".webm")
@@ -33,6 +37,16 @@ class Footage:
     @property
     def is_video(self) -> bool:
         return self.path.suffix.lower() in VIDEOS
+
+    @property
+    def folder(self) -> Path:
+        return self.path if self.path.is_dir() else self.path.parent
+
+    def digest(self) -> str:
+        """What tells it from other footage at the same place: names and sizes of its files."""
+        files = [self.path] if self.is_video else [self.folder / name for name in self.names]
+        told = "\n".join(f"{file.name} {file.stat().st_size}" for file in files)
+        return hashlib.sha256(os.fsencode(told)).hexdigest()[:16]
 
     def read(self, start: int = 0) -> Iterator[tuple[int, np.ndarray | None]]:
         """(number, image (H, W, 3) uint8 RGB or None where the frame cannot be read), from frame `start` on."""
@@ -70,7 +84,8 @@ def open_footage(path: str | Path) -> Footage:
     path = Path(path)
     if path.is_dir():
         names = (p.name for p in path.iterdir() if p.suffix.lower() in IMAGES and not p.name.startswith("."))
-        names = tuple(sorted(names, key=lambda name: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name)]))  # 2 before 10
+        numbers = lambda name: [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", name)]  # noqa: E731 (2 before 10)
+        names = tuple(sorted(names, key=lambda name: (numbers(name), name)))
         if not names:
             raise InputError(f"{path}: no image in this folder ({', '.join(IMAGES)})")
         return Footage(path, names, None)
@@ -82,9 +97,13 @@ def open_footage(path: str | Path) -> Footage:
         raise InputError(f"{path}: neither an image ({', '.join(IMAGES)}) nor a video ({', '.join(VIDEOS)})")
     video = cv2.VideoCapture(str(path))
     try:
-        count, rate = int(video.get(cv2.CAP_PROP_FRAME_COUNT)), float(video.get(cv2.CAP_PROP_FPS))
-        if not video.isOpened() or count < 1:
+        promised, rate, count = video.get(cv2.CAP_PROP_FRAME_COUNT), float(video.get(cv2.CAP_PROP_FPS)), 0
+        while video.grab():  # the header's count may be wrong
+            count += 1
+        if count < 1:
             raise InputError(f"{path}: cannot be opened as a video; is it whole?")
+        if count < promised < path.stat().st_size:  # a frame takes a byte at least: what is promised and cannot be read is reported
+            count = int(promised)
     finally:
         video.release()
     return Footage(path, tuple(f"{i:06d}" for i in range(count)), rate if np.isfinite(rate) and rate > 0 else None)
@@ -93,7 +112,9 @@ def open_footage(path: str | Path) -> Footage:
 # --- the camera ------------------------------------------------------------------------------------------------------------------------
 
 
+MATRIX = ("camera_matrix", "K", "cameraMatrix")
 DISTORTION = ("distortion_coefficients", "dist_coeffs", "dist_coeff", "distCoeffs", "D")
+READ = (*MATRIX, *DISTORTION, "image_width", "image_height", "fisheye_model")
 
 
 @dataclass(frozen=True)
@@ -108,8 +129,10 @@ class Calibration:
         """The calibration of frames of another size, if they are the calibrated ones made smaller or larger.
 
         Raises:
-            InputError: another shape: then they were cut, and the matrix cannot be known.
+            InputError: another shape: then they were cut, and the matrix cannot be known; or no lens has such a focal length.
         """
+        if not 0.05 < self.K[0, 0] / (self.size or (width, height))[0] < 1000:
+            raise InputError(f"a focal length of {self.K[0, 0]:g} pixels for a frame {width} wide: is the matrix in pixels of the whole frame?")
         if self.size is None or self.size == (width, height):
             return self
         if abs(width * self.size[1] / self.size[0] - height) > 1:  # pixels
@@ -143,16 +166,17 @@ def read_camera(path: str | Path) -> Calibration:
     """A calibration in OpenCV's own format (YAML, XML or JSON, as its calibration sample writes it) or plain JSON.
 
     Read are `camera_matrix` (or cameraMatrix, K), `distortion_coefficients` (or dist_coeffs, distCoeffs, D), `image_width` and `image_height`.
-    OpenCV counts pixel centres from 0, this package from 0.5: the principal point is moved by half a pixel.
+    OpenCV counts pixel centres from 0, this package from 0.5: the principal point is moved by half a pixel. The `scene_camera.json` of a flight of
+    6DroneSyn is read as well, and counts as this package does.
 
     Raises:
-        InputError: not found, unreadable, no camera matrix, one that is none, or a fisheye's.
+        InputError: not found, unreadable, no camera matrix, one that is none, or a fisheye's; a flight with several cameras.
     """
     path = Path(path)
     if not path.is_file():
         raise InputError(f"{path}: camera file not found")
     found = _plain_json(path) or _opencv_nodes(path)
-    matrix = next((found[key] for key in ("camera_matrix", "K", "cameraMatrix") if found.get(key) is not None), None)
+    matrix = next((found[key] for key in MATRIX if found.get(key) is not None), None)
     if matrix is None:
         example = '"camera_matrix": [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]'
         raise InputError(f"{path}: holds no camera_matrix; write OpenCV's calibration format, or JSON with {example}")
@@ -162,14 +186,16 @@ def read_camera(path: str | Path) -> Calibration:
         distortion = next((found[key] for key in DISTORTION if found.get(key) is not None), None)
         distortion = None if distortion is None else np.array(distortion, dtype=np.float64).ravel()
         size = (int(found["image_width"]), int(found["image_height"])) if found.get("image_width") and found.get("image_height") else None
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{path}: camera_matrix needs 3×3 numbers, distortion a list of numbers ({error})") from None
     if fisheye:
         raise InputError(f"{path}: a fisheye camera; undistort the footage with OpenCV's fisheye module first, and give the matrix of the result")
     check_intrinsics(K, f"{path}: camera_matrix")
     if distortion is not None and (len(distortion) not in (4, 5, 8, 12, 14) or not np.isfinite(distortion).all()):
         raise InputError(f"{path}: distortion has {len(distortion)} numbers; OpenCV knows 4, 5, 8, 12 or 14, all finite")
-    K[:2, 2] += 0.5
+    if size and min(size) < 1:
+        raise InputError(f"{path}: image_width and image_height must be positive, got {size[0]} and {size[1]}")
+    K[:2, 2] += 0.0 if found.get("bop") else 0.5
     return Calibration(K, distortion if distortion is not None and distortion.any() else None, size)
 
 
@@ -177,12 +203,14 @@ def _plain_json(path: Path) -> dict | None:
     """JSON as anyone would write it, or OpenCV's with its matrices' data; None if it is no JSON."""
     if path.suffix.lower() != ".json":
         return None
-    try:
-        found = json.loads(path.read_text())
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not valid JSON ({error})") from None
+    found = read_json(path)
     if not isinstance(found, dict):
         raise InputError(f"{path}: holds no settings but a {type(found).__name__}")
+    if path.name == "scene_camera.json":
+        cameras = [frame.get("cam_K") if isinstance(frame, dict) else None for frame in found.values()]
+        if not cameras or any(camera != cameras[0] for camera in cameras):
+            raise InputError(f"{path}: {len(cameras)} frames, and not one camera for all of them")
+        return {"K": cameras[0], "bop": True}
     return {key: value["data"] if isinstance(value, dict) and "data" in value else value for key, value in found.items()}
 
 
@@ -190,7 +218,8 @@ def _opencv_nodes(path: Path) -> dict:
     try:
         file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
         root = file.root()
-        found = {key: (node.mat() if node.isMap() else node.real()) for key in root.keys() for node in [root.getNode(key)] if not node.isString()}
+        nodes = {key: root.getNode(key) for key in root.keys() if key in READ}
+        found = {key: node.mat() if node.isMap() else node.real() for key, node in nodes.items() if not node.isString()}
         file.release()
     except (cv2.error, SystemError) as error:
         raise InputError(f"{path}: not a calibration in OpenCV's YAML, XML or JSON ({str(error).strip().splitlines()[-1]})") from None
@@ -200,13 +229,13 @@ def _opencv_nodes(path: Path) -> dict:
 # --- boxes -----------------------------------------------------------------------------------------------------------------------------
 
 
-def read_boxes(path: str | Path, names: tuple[str, ...], width: int, height: int) -> dict[int, np.ndarray]:
+def read_boxes(path: str | Path, names: tuple[str, ...], width: int, height: int, folder: str | Path = ".") -> dict[int, np.ndarray]:
     """One box (x, y, w, h) in pixels a frame: {frame number: box}. Of several in a frame the most confident counts.
 
     The format follows from the file. COCO (.json: a list of detections, or a data set with images and annotations) · YOLO (a folder with one
     .txt a frame, named like it, or NAME_1.txt, NAME_2.txt … for a video: class cx cy w h [confidence], shares of the frame) · MOT (.txt: frame,
     id, x, y, w, h, confidence …, frames from 1) · CSV with a header: frame (all file names, or all numbers from 0), x, y, w, h[, score].
-    `names` are the footage's.
+    `names` are the footage's, `folder` is where it lies: of a COCO data set of several flights, those are meant whose images lie there.
 
     Raises:
         InputError: not found, not one of these, or a line that is none (it is named).
@@ -214,11 +243,12 @@ def read_boxes(path: str | Path, names: tuple[str, ...], width: int, height: int
     path = Path(path)
     by_name = {name: i for i, name in enumerate(names)} | {Path(name).stem: i for i, name in enumerate(names)}
     if path.is_dir():
-        rows = [row for file in sorted(path.glob("*.txt")) for row in _yolo(file, _frame_of(file.stem, names, by_name), width, height)]
+        labels = ((file, _frame_of(file.stem, names, by_name)) for file in sorted(path.glob("*.txt")))  # classes.txt is none
+        rows = [row for file, frame in labels if frame >= 0 for row in _yolo(file, frame, width, height)]
     elif not path.is_file():
         raise InputError(f"{path}: boxes not found")
     elif path.suffix.lower() == ".json":
-        rows = _coco(path, by_name)
+        rows = _coco(path, by_name, [(Path(folder).resolve() / name).as_posix() for name in names])
     elif path.suffix.lower() == ".csv":
         rows = _csv(path, by_name)
     elif "," in path.read_text(errors="replace").split("\n", 1)[0]:
@@ -228,7 +258,11 @@ def read_boxes(path: str | Path, names: tuple[str, ...], width: int, height: int
     best: dict[int, tuple[float, np.ndarray]] = {}
     for where, frame, box, score in rows:
         box = check_box(box, width, height, where)
-        if 0 <= frame < len(names) and score > best.get(frame, (-np.inf,))[0]:
+        if frame < 0:
+            raise InputError(f"{where}: frame {frame}; the first is number 0")
+        if not np.isfinite(score):
+            raise InputError(f"{where}: the score is {score}")
+        if frame < len(names) and score > best.get(frame, (-np.inf,))[0]:
             best[frame] = (score, box)
     if not best:
         raise InputError(f"{path}: no box for any of the {len(names)} frames; the first is number 0 and is called {names[0]}")
@@ -244,6 +278,8 @@ def check_box(box, width: int, height: int, where: str) -> np.ndarray:
     box = np.array(box, dtype=np.float64)
     if box.shape != (4,) or not np.isfinite(box).all() or box[2] <= 0 or box[3] <= 0:
         raise InputError(f"{where}: a box needs four finite numbers, width and height above 0, got {box.tolist()}")
+    if box[2:].min() < 1:
+        raise InputError(f"{where}: a box of {box[2]:g} × {box[3]:g} pixels; are these shares of the frame?")
     if box[0] >= width or box[1] >= height or box[0] + box[2] <= 0 or box[1] + box[3] <= 0:
         raise InputError(f"{where}: the box {box.tolist()} lies outside the {width}×{height} frame")
     return box
@@ -279,6 +315,8 @@ def _mot(path: Path) -> Iterator[tuple]:
             raise InputError(f"{where}: a MOT line is frame, id, x, y, w, h[, confidence …]")
         if not np.isfinite(row).all():
             raise InputError(f"{where}: not finite")
+        if row[0] < 1:
+            raise InputError(f"{where}: frame {row[0]:g}; MOT counts from 1")
         yield where, int(row[0]) - 1, row[2:6], row[6] if len(row) > 6 else 1.0
 
 
@@ -287,28 +325,35 @@ def _csv(path: Path, by_name: dict[str, int]) -> Iterator[tuple]:
         reader = csv.DictReader(file)
         if not {"frame", "x", "y", "w", "h"} <= set(reader.fieldnames or ()):
             raise InputError(f"{path}: the header needs frame, x, y, w, h[, score]; it has {', '.join(reader.fieldnames or ()) or 'nothing'}")
-        rows = list(reader)
+        try:
+            rows = list(reader)
+        except csv.Error as error:
+            raise InputError(f"{path}: not CSV ({error})") from None
     named = all(row["frame"] in by_name for row in rows)  # "12" may be a name or a number, but not both in one file
     for number, row in enumerate(rows, 2):
         try:
             frame = by_name[row["frame"]] if named else int(row["frame"])
             yield f"{path} line {number}", frame, [float(row[key]) for key in "xywh"], float(row.get("score") or 1.0)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise InputError(f"{path} line {number}: not a frame of the footage and four numbers: {row}") from None
 
 
-def _coco(path: Path, by_name: dict[str, int]) -> Iterator[tuple]:
-    try:
-        found = json.loads(path.read_text())
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not valid JSON ({error})") from None
+def _coco(path: Path, by_name: dict[str, int], places: list[str]) -> Iterator[tuple]:
+    found = read_json(path)
     images: dict = {}
     if isinstance(found, dict):
+        known: dict[int | None, list] = {}  # frame of the footage: the images that could be it
         for image in found["images"] if isinstance(found.get("images"), list) else []:
-            if not isinstance(image, dict) or "id" not in image:
+            if not isinstance(image, dict) or not isinstance(image.get("id"), int | str):
                 raise InputError(f"{path}: an image without id and file_name: {image!r}")
-            name = str(image.get("file_name", ""))
-            images[image["id"]] = by_name.get(Path(name).name, by_name.get(Path(name).stem))
+            name = Path(str(image.get("file_name", "")))
+            known.setdefault(by_name.get(name.name, by_name.get(name.stem)), []).append((image["id"], name.as_posix()))
+        images = {number: None for number, _ in known.pop(None, [])}
+        for frame, found_here in known.items():
+            same = [number for number, name in found_here if len(found_here) == 1 or places[frame].endswith(f"/{name}")]
+            if len(same) != 1:
+                raise InputError(f"{path}: {len(found_here)} images could be {places[frame]}; give file_name with its folders")
+            images |= {number: None for number, _ in found_here} | {same[0]: frame}
         found = found.get("annotations")
     if not isinstance(found, list):
         raise InputError(f"{path}: neither a COCO list of detections nor a COCO data set")
@@ -319,7 +364,7 @@ def _coco(path: Path, by_name: dict[str, int]) -> Iterator[tuple]:
             frame = images[image] if images else by_name[image] if isinstance(image, str) else int(image)
             if frame is not None:
                 yield where, frame, [float(v) for v in entry["bbox"]], float(entry.get("score", 1.0))
-        except (KeyError, TypeError, ValueError):
+        except (KeyError, TypeError, ValueError, OverflowError):
             raise InputError(f"{where}: needs image_id (a frame of the footage) and bbox [x, y, w, h]") from None
 
 
@@ -344,6 +389,8 @@ class Tracker:
             high = np.minimum(np.round(self.box[:2] + self.box[2:]), image.shape[1::-1]).astype(int)
             if (high - low).min() < 2:
                 raise InputError(f"box {self.box.tolist()}: nothing of it to track in the {image.shape[1]}×{image.shape[0]} frame")
+            with contextlib.suppress(TypeError, OSError, AttributeError):  # not on Windows
+                ctypes.CDLL(None).srand(0)  # MIL draws from the C library: the same box gives the same path
             self.tracker = cv2.TrackerMIL_create()
             self.tracker.init(picture, (*low.tolist(), *(high - low).tolist()))
             return self.box

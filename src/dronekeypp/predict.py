@@ -32,7 +32,7 @@ from . import plots
 from .camera import clamp_square, crop_image, mirror_keypoints, project, square_around
 from .errors import InputError
 from .export import OnnxNetwork, load_checkpoint
-from .files import write_beside
+from .files import alone, read_json, write_beside
 from .footage import Calibration, Footage, Tracker, check_box, open_footage, read_boxes, read_camera
 from .model import DroneKeyPP
 from .sequences import gaussian
@@ -88,7 +88,7 @@ def predict(
         checkpoint: folder of `save_pretrained`, a run folder, of which best/ is taken, or an ONNX file of `export`.
         footage: a video, a folder of images, one image. camera: see `footage.read_camera`. boxes: see `footage.read_boxes`.
         box: (x, y, w, h) in the first frame, carried on by a tracker, where there are no `boxes`.
-        smooth: sigma of a Gaussian over the poses, seconds; 0 leaves them as they are.
+        smooth: sigma of a Gaussian over the poses, seconds (at least 0.001); 0 leaves them as they are.
         rate: frames a second of a folder of images; a video knows its own.
 
     Raises:
@@ -96,6 +96,8 @@ def predict(
     """
     if not (np.isfinite(rate) and rate > 0):
         raise InputError(f"--rate {rate}: frames a second, above 0")
+    if not (smooth == 0 or (np.isfinite(smooth) and smooth >= 1e-3)):
+        raise InputError(f"--smooth {smooth}: seconds, at least 0.001, or 0 for none")
     source, calibration = open_footage(footage), read_camera(camera)
     rate = source.rate or rate
     if (boxes is None) == (box is None):
@@ -107,37 +109,44 @@ def predict(
         network.to("cuda" if torch.cuda.is_available() else "cpu")
     out = Path(out)
     settings = {
-        "checkpoint": digest(weights), "footage": [str(source.path.resolve()), len(source.names)], "camera": digest(Path(camera)),
+        "checkpoint": digest(weights), "footage": [str(source.path.resolve()), len(source.names), source.digest()], "camera": digest(Path(camera)),
         "boxes": boxes_digest(boxes) if boxes is not None else [float(v) for v in box],
+        "own_drones": {name: drone.digest for name, drone in DRONES.items() if drone.digest},
     }  # fmt: skip
     first = next((image for _, image in source.read() if image is not None), None)
     if first is None:
         raise InputError(f"{source.path}: not one frame can be read")
     height, width = first.shape[:2]
     calibration = calibration.for_frames(width, height)
-    given = read_boxes(boxes, source.names, width, height) if boxes is not None else None
+    given = read_boxes(boxes, source.names, width, height, source.folder) if boxes is not None else None
     box = check_box(box, width, height, "--box") if box is not None else None
-    done = begin(out, settings)
-    with open(out / JOURNAL, "a", newline="", encoding="utf-8") as file:
-        journal = csv.writer(file, lineterminator="\n")
-        if file.tell() == 0:
-            journal.writerow(COLUMNS)
-        hidden, start = not (progress and sys.stderr.isatty()), len(done)
-        carried = None if given is not None else carry(source, box, done)
-        steps = tqdm(source.read(start), "predict", len(source.names), initial=start, disable=hidden, leave=False)
-        for rows in predicted(network, calibration, (width, height), steps, given, carried):
-            journal.writerows([number, source.names[number], *rest] for number, *rest in rows)
-            file.flush()
-    rows = read_journal(out / JOURNAL)
-    poses = [pose for pose in map(to_pose, rows) if pose]
-    if not poses:
-        raise InputError(f"no frame of {source.path} has a pose; {out / JOURNAL} says why: {rows[0]['status'] if rows else 'no frames'}")
-    if smooth > 0:
-        poses = smoothed(poses, smooth, rate)
-    write_beside(out / POSES, bop_results(poses).encode())
-    write_beside(out / "trajectory.png", draw_trajectory(poses))
-    if overlay:
-        write_overlay(out, source, calibration, {pose.frame: pose for pose in poses}, rate)
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out} is a file, not a folder")
+    out.mkdir(parents=True, exist_ok=True)
+    with alone(out):
+        done = begin(out, settings)
+        with open(out / JOURNAL, "a", newline="", encoding="utf-8", errors="surrogateescape") as file:
+            journal = csv.writer(file, lineterminator="\n")
+            if file.tell() == 0:
+                journal.writerow(COLUMNS)
+            hidden, start = not (progress and sys.stderr.isatty()), len(done)
+            carried = None if given is not None else carry(source, box, start, (width, height))
+            steps = tqdm(source.read(start), "predict", len(source.names), initial=start, disable=hidden, leave=False)
+            for rows in predicted(network, calibration, (width, height), steps, given, carried):
+                journal.writerows([number, source.names[number], *rest] for number, *rest in rows)
+                file.flush()
+        rows = read_journal(out / JOURNAL)
+        if len(rows) != len(source.names):
+            raise InputError(f"{out / JOURNAL} holds {len(rows)} of {len(source.names)} frames; run again")
+        poses = [pose for pose in map(to_pose, rows) if pose]
+        if not poses:
+            raise InputError(f"no frame of {source.path} has a pose; {out / JOURNAL} says why: {rows[0]['status']}")
+        if smooth > 0:
+            poses = smoothed(poses, smooth, rate)
+        write_beside(out / POSES, bop_results(poses).encode())
+        write_beside(out / "trajectory.png", draw_trajectory(poses))
+        if overlay:
+            write_overlay(out, source, calibration, {pose.frame: pose for pose in poses}, rate)
     skipped = [row for row in rows if row["status"] != GOOD]
     if progress:
         print(f"{out}: {len(poses)} poses of {len(rows)} frames" + (f"; {len(skipped)} without one, see {JOURNAL}" if skipped else ""))
@@ -158,55 +167,57 @@ def boxes_digest(path: str | Path) -> str:
 
 
 def begin(out: Path, settings: dict[str, Any]) -> list[dict[str, str]]:
-    """Make `out`, or take it up again: the journal's whole rows, anything half written cut off."""
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out} is a file, not a folder")
-    out.mkdir(parents=True, exist_ok=True)
-    if not (out / SETTINGS).is_file():
-        if any(out.iterdir()):
-            raise InputError(f"{out} is not empty and not a run of predict: choose another folder")
-        write_beside(out / SETTINGS, (json.dumps(settings, indent=1) + "\n").encode())
-        return []
-    old = json.loads((out / SETTINGS).read_text())
+    """Take up what is in `out`, or begin: the journal's whole rows, anything half written cut off. What is not a run of predict is left alone."""
+    old = read_json(out / SETTINGS, mend="choose another folder") if (out / SETTINGS).is_file() else None
+    there = [path.name for path in out.iterdir() if not path.name.startswith(".")]
+    if (there if old is None else not isinstance(old, dict) or not settings.keys() <= old.keys()):
+        raise InputError(f"{out} is not empty and not a run of predict: choose another folder")
+    for name in (SETTINGS, JOURNAL, POSES):  # a kill while writing leaves one behind
+        for left in out.glob(f".{name}.*.tmp"):
+            left.unlink()
     rows = read_journal(out / JOURNAL) if (out / JOURNAL).is_file() else []
     for name, value in settings.items():
-        if rows and old.get(name) != value:
+        if rows and old[name] != value:
             raise InputError(f"{out} was begun with another {name}; choose another folder, or remove it")
-    if not rows:  # nothing is lost by a fresh start
-        write_beside(out / SETTINGS, (json.dumps(settings, indent=1) + "\n").encode())
-        (out / JOURNAL).unlink(missing_ok=True)
-        return []
+    write_beside(out / SETTINGS, (json.dumps(settings, indent=1) + "\n").encode())
     text = io.StringIO()
     writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
-    write_beside(out / JOURNAL, text.getvalue().encode())
+    write_beside(out / JOURNAL, text.getvalue().encode(errors="surrogateescape"))
     return rows
 
 
 def read_journal(path: Path) -> list[dict[str, str]]:
-    """The rows of a journal as far as they are whole and in order."""
-    with open(path, newline="", encoding="utf-8") as file:
+    """The rows of a journal as far as they are whole, in order and can be read.
+
+    Raises:
+        InputError: another file of that name.
+    """
+    with open(path, newline="", encoding="utf-8", errors="surrogateescape") as file:
         text = file.read()
-    rows = list(csv.DictReader(io.StringIO(text[: text.rfind("\n") + 1])))
+    table = csv.DictReader(io.StringIO(text[: text.rfind("\n") + 1]))
+    if tuple(table.fieldnames or COLUMNS) != COLUMNS:
+        raise InputError(f"{path} is not a journal of predict: choose another folder")
     whole = []
-    for number, row in enumerate(rows):
-        if None in row.values() or None in row or row["frame"] != str(number):
-            break
-        whole.append(row)
+    try:
+        for number, row in enumerate(table):
+            if None in row.values() or None in row or row["frame"] != str(number):
+                break
+            to_pose(row)
+            whole.append(row)
+    except (ValueError, csv.Error):
+        pass  # what cannot be read is done again
     return whole
 
 
-def carry(source: Footage, box: np.ndarray, done: list[dict[str, str]]) -> Tracker:
-    """A tracker from the first frame's box; after a kill from the last box that is known, led through the frames since."""
-    last = next((row for row in reversed(done) if row["box_w"]), None)
-    if last is None:
-        return Tracker(box)
-    tracker = Tracker(np.array([float(last[f"box_{key}"]) for key in "xywh"]))
-    for number, image in source.read(int(last["frame"])):
-        if number == len(done):
+def carry(source: Footage, box: np.ndarray, done: int, size: tuple[int, int]) -> Tracker:
+    """A tracker from the first frame's box, led through the frames that are done: after a kill it is where it was."""
+    tracker = Tracker(box)
+    for number, image in source.read() if done else ():
+        if number == done:
             break
-        if image is not None:
+        if image is not None and image.shape[1::-1] == size:
             tracker.follow(image)
     return tracker
 
@@ -348,7 +359,7 @@ def draw_overlay(image: np.ndarray, pose: Pose, calibration: Calibration) -> np.
 
 def write_overlay(out: Path, source: Footage, calibration: Calibration, poses: dict[int, Pose], rate: float) -> None:
     """overlay.mp4 (of one image overlay.png): every frame that can be read; written beside, then renamed."""
-    writer, beside = None, out / ".overlay.tmp.mp4"
+    writer, written, beside = None, 0, out / ".overlay.tmp.mp4"
     try:
         for number, image in source.read():
             if image is None:
@@ -366,9 +377,16 @@ def write_overlay(out: Path, source: Footage, calibration: Calibration, poses: d
                     raise InputError(f"{beside}: OpenCV cannot write an mp4 here; run again without the overlay")
             if image.shape[1::-1] == size:
                 writer.write(np.ascontiguousarray(image[..., ::-1]))
+                written += 1
     finally:
         if writer is not None:
             writer.release()
+    video = cv2.VideoCapture(str(beside))  # OpenCV says nothing of a full disk
+    whole = video.get(cv2.CAP_PROP_FRAME_COUNT) == written
+    video.release()
+    if not whole:
+        beside.unlink(missing_ok=True)
+        raise InputError(f"{out / 'overlay.mp4'} could not be written whole; is the disk full? The poses are in {POSES}")
     beside.replace(out / "overlay.mp4")
 
 

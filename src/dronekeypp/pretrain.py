@@ -124,7 +124,10 @@ def pretrain(
     changes = {"epochs": epochs, "augment": True, "backbone_lr": 1.0, "backbone_weights": None, **(overrides or {})}
     model_config, config = preset("cpu", changes)
     size = model_config.image_size
-    parts = [SixDroneSyn(root, "train", size=size, augment=config.augment, seed=config.seed + i) for i, root in enumerate(dataset_roots)]
+    parts = [
+        SixDroneSyn(root, "train", size=size, augment=config.augment, seed=config.seed + i, degrade=config.degrade)
+        for i, root in enumerate(dataset_roots)
+    ]
     train_set = parts[0] if len(parts) == 1 else Joined(parts)
     val_set = SixDroneSyn(val_root or dataset_roots[0], "val", size=size)
     command = command or command_line()

@@ -34,7 +34,6 @@ from typing import Any
 import numpy as np
 import torch
 import torch.distributed as dist
-from filelock import FileLock, Timeout
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch.nn.parallel import DistributedDataParallel
@@ -45,7 +44,7 @@ from dronekeypp import presets
 from dronekeypp.camera import mirror_keypoints
 from dronekeypp.errors import InputError
 from dronekeypp.evaluate import apply_model, evaluate, measure, poses, to_device
-from dronekeypp.files import write_beside
+from dronekeypp.files import alone, read_json, write_beside
 from dronekeypp.model import DroneKeyPP, ModelConfig, PoseNetwork, loss_weights, total_loss
 from dronekeypp.model.backbone import find_weights
 from dronekeypp.presets import TrainConfig
@@ -96,7 +95,7 @@ class TrainState:
                 header = json.loads(file.metadata()["state"])
                 tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 (not a dict)
             old, epoch, best_score, history = (header[key] for key in ("settings", "epoch", "best_score", "history"))
-        except (SafetensorError, OSError, KeyError, TypeError, json.JSONDecodeError) as error:
+        except (SafetensorError, OSError, KeyError, TypeError, ValueError) as error:
             raise InputError(f"{path} is not a readable training state ({error}); start again without --resume") from None
         check_settings(old, self.settings, path)
         parameters, places = dict(self.model.named_parameters()), {name: i for i, name in enumerate(self._names())}
@@ -396,16 +395,6 @@ def train_on(
     return out / BEST
 
 
-@contextlib.contextmanager
-def alone(out: Path) -> Iterator[None]:
-    """Hold a run's folder: two processes that train one run would overwrite each other. Raises InputError if another holds it."""
-    try:
-        with FileLock(out / ".lock", timeout=0):
-            yield
-    except Timeout:
-        raise InputError(f"{out} is being trained by another process: let it finish, or choose another folder") from None
-
-
 def describe_data(train_set: Dataset, val_set: Dataset) -> dict[str, Any]:
     """What a run must find again to be resumed: the frames, their manifest's digest (None without one), the number of processes."""
     digest = getattr(train_set, "manifest", {}).get("digest")
@@ -426,11 +415,7 @@ def prepare_folder(out: Path, settings: dict, resume: bool) -> None:
         for left in out.rglob(".*.tmp"):  # a kill while writing leaves one behind
             left.unlink()
     if resume and (out / CONFIG).is_file():
-        try:
-            old = json.loads((out / CONFIG).read_text())
-        except json.JSONDecodeError as error:
-            raise InputError(f"{out / CONFIG} is broken ({error}); start again in another folder") from None
-        check_settings(old, settings, out / CONFIG)
+        check_settings(read_json(out / CONFIG, mend="start again in another folder"), settings, out / CONFIG)
         return
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         mend = "choose another folder" if resume else "add --resume to go on, or choose another folder"

@@ -12,7 +12,7 @@ from safetensors.torch import load_file, save
 from torch import Tensor, nn
 
 from dronekeypp.errors import InputError
-from dronekeypp.files import write_beside
+from dronekeypp.files import read_json, write_beside
 from dronekeypp.model.backbone import load_state
 from dronekeypp.model.config import ModelConfig
 
@@ -87,10 +87,8 @@ def read_config(folder: str | Path) -> tuple[str, ModelConfig]:
         if not (folder / name).is_file():
             raise InputError(f"{folder / name} not found: a checkpoint is a folder with {CONFIG} and {WEIGHTS}")
     try:
-        settings = json.loads((folder / CONFIG).read_text())
+        settings = read_json(folder / CONFIG)
         method = settings.pop("method", "DroneKey++") if isinstance(settings, dict) else ""
-        return method, ModelConfig.from_dict(settings)
-    except json.JSONDecodeError as error:
-        raise InputError(f"{folder / CONFIG}: not valid JSON: {error}") from None
-    except (InputError, UnicodeDecodeError) as error:
-        raise InputError(f"{folder / CONFIG}: {error}") from None
+        return str(method), ModelConfig.from_dict(settings)
+    except InputError as error:
+        raise InputError(f"{folder / CONFIG}: {str(error).removeprefix(f'{folder / CONFIG}: ')}") from None

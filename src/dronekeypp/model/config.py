@@ -13,12 +13,14 @@ from dronekeypp.errors import InputError
 class Settings:
     """What every settings dataclass can do: `to_dict`, `from_dict`, `to_json`, `from_json`, `replace`, checked values.
 
-    A subclass lists the allowed words of a text field in `CHOICES` and the smallest value of a number in `LEAST`.
+    A subclass lists the allowed words of a text field in `CHOICES` and the smallest value of a number in `LEAST`,
+    the largest in `MOST`.
     Every field is int, float, bool, str or "str | None".
     """
 
     CHOICES: ClassVar[dict[str, tuple[str, ...]]] = {}
     LEAST: ClassVar[dict[str, float]] = {}
+    MOST: ClassVar[dict[str, float]] = {}
 
     def __post_init__(self):
         for field in dataclasses.fields(self):
@@ -26,6 +28,9 @@ class Settings:
         for name, words in self.CHOICES.items():
             if getattr(self, name) not in words:
                 raise InputError(f"{name}={getattr(self, name)!r} is not one of: {', '.join(words)}")
+        for name, most in self.MOST.items():
+            if not getattr(self, name) <= most:
+                raise InputError(f"{name}={getattr(self, name)!r} must be at most {most:g}")
         for name, least in self.LEAST.items():
             if not getattr(self, name) >= least:
                 raise InputError(f"{name}={getattr(self, name)!r} must be at least {least:g}")
@@ -141,6 +146,9 @@ class ModelConfig(Settings):
     LEAST: ClassVar[dict[str, float]] = {
         "image_size": 32, "width": 4, "layers": 1, "heads": 1, "ffn": 1, "dropout": 0,
         "decoder_width": 1, "decoder_layers": 1, "classes": 2,
+    }  # fmt: skip
+    MOST: ClassVar[dict[str, float]] = {  # beyond any use: a slip of the finger would ask for all the memory there is
+        "image_size": 4096, "width": 8192, "layers": 256, "heads": 256, "ffn": 65536, "decoder_width": 65536, "decoder_layers": 64, "classes": 1000,
     }  # fmt: skip
 
     def __post_init__(self):

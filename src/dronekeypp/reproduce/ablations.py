@@ -111,6 +111,7 @@ ABLATIONS: dict[str, Ablation] = {
         "Training crops as a small, compressed video shows them",
         (Row("crops as rendered"), Row("half of them degraded", {"degrade": True})),
         reference="crops as rendered",
+        seeds=1,
     ),
     "rays": Ablation(
         "What the ray embedding is fed, with each rotation head, from predicted and from true keypoints",

@@ -22,10 +22,12 @@ import numpy as np
 from scipy.spatial import ConvexHull
 from scipy.spatial.distance import pdist
 
+from .. import files
 from ..camera import check_intrinsics
 from ..errors import InputError
 from ..rotations import check_rotation
 from .drones import DRONES, KEYPOINT_NAMES
+from .scenes import HEIGHT, WIDTH
 
 SCENE_FILES = ("scene_camera.json", "scene_gt.json", "scene_gt_info.json")
 SKELETON = [[1, 2], [2, 3], [3, 4], [4, 1]]
@@ -83,7 +85,8 @@ class Frame:
         """Read one frame's three entries. `where` names file and frame in an error.
 
         Raises:
-            InputError: a missing field, a wrong shape, NaN, a matrix that is no rotation, a box without area.
+            InputError: a missing field, a wrong shape, NaN, a matrix that is no rotation, a drone behind the camera, a box without area or
+                outside the frame.
         """
         gt = f"{where[1]} frame {number}"
         K = _array(camera, "cam_K", 9, f"{where[0]} frame {number}").reshape(3, 3)
@@ -92,10 +95,18 @@ class Frame:
         check_rotation(camera_R, f"{where[0]} frame {number}: cam_R_w2c")
         R = _array(truth, "cam_R_m2c", 9, gt).reshape(3, 3)
         check_rotation(R, f"{gt}: cam_R_m2c")
-        box = _array(info, "bbox_obj", 4, f"{where[2]} frame {number}")
+        t = _array(truth, "cam_t_m2c", 3, gt) / MM
+        if t[2] <= 0:
+            raise InputError(f"{gt}: cam_t_m2c puts the drone behind the camera")
+        seen = f"{where[2]} frame {number}"
+        box = _array(info, "bbox_obj", 4, seen)
         if (box[2:] <= 0).any():
-            raise InputError(f"{where[2]} frame {number}: bbox_obj has no area ({box[2]:g} × {box[3]:g} px)")
-        square = None if info.get("crop") is None else _array(info, "crop", 3, f"{where[2]} frame {number}")
+            raise InputError(f"{seen}: bbox_obj has no area ({box[2]:g} × {box[3]:g} px)")
+        square = None if info.get("crop") is None else _array(info, "crop", 3, seen)
+        left, top, wide, high = (0, 0, WIDTH, HEIGHT) if square is None else square[[0, 1, 2, 2]]
+        middle = box[:2] + box[2:] / 2
+        if wide <= 0 or not (left <= middle[0] <= left + wide and top <= middle[1] <= top + high):
+            raise InputError(f"{seen}: bbox_obj lies outside the {'frame' if square is None else 'stored crop'}")
         obj_id = truth.get("obj_id")
         if type(obj_id) is not int or not 1 <= obj_id <= len(DRONES):
             raise InputError(f"{gt}: obj_id {obj_id!r} is not one of 1 to {len(DRONES)}")
@@ -106,7 +117,7 @@ class Frame:
             camera_t=_array(camera, "cam_t_w2c", 3, f"{where[0]} frame {number}") / MM,
             obj_id=obj_id,
             R=R,
-            t=_array(truth, "cam_t_m2c", 3, gt) / MM,
+            t=t,
             keypoints_2d=_array(truth, "keypoints_2d", 8, gt).reshape(4, 2),
             keypoints_3d=_array(truth, "keypoints_3d", 12, gt).reshape(4, 3) / MM,
             visible=_array(truth, "keypoints_visible", 4, gt).astype(bool),
@@ -147,12 +158,7 @@ def read_json(path):
     Raises:
         InputError: missing, or not JSON; the message names the file.
     """
-    try:
-        return json.loads(Path(path).read_text())
-    except FileNotFoundError:
-        raise InputError(f"{path}: missing; is this a data set made by `python -m dronekeypp generate`, and did it finish?") from None
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not valid JSON ({error}); generate it again") from None
+    return files.read_json(path, "missing; is this a data set made by `python -m dronekeypp generate`, and did it finish?", "generate it again")
 
 
 def write_flight(folder, frames, flight):
@@ -170,13 +176,13 @@ def read_flight(folder):
         InputError: naming the file and the frame, see `Frame.from_bop`.
     """
     folder = Path(folder)
-    files = [folder / name for name in SCENE_FILES]
+    where = [folder / name for name in SCENE_FILES]
     entries = read_entries(folder)
     for number, entry in entries.items():
-        for file, part in zip(files, entry, strict=True):
+        for file, part in zip(where, entry, strict=True):
             if part is None:
                 raise InputError(f"{file} frame {number}: no annotation; generate this flight again")
-    return [Frame.from_bop(number, *entry, files) for number, entry in entries.items()], read_json(folder / "flight.json")
+    return [Frame.from_bop(number, *entry, where) for number, entry in entries.items()], read_json(folder / "flight.json")
 
 
 def read_entries(folder):
@@ -202,7 +208,7 @@ def image_path(folder, number):
 
 def flight_folders(root, split):
     """The finished flights of a split, in order."""
-    return sorted(p for p in (Path(root) / split).glob("[0-9]*") if p.is_dir())
+    return sorted(p for p in (Path(root) / split).glob("[0-9]" * 6) if p.is_dir())
 
 
 def models_info():

@@ -1,5 +1,6 @@
 """6DroneSyn as a torch data set: one drone crop, its camera and its truth per item."""
 
+import hashlib
 from pathlib import Path
 
 import cv2
@@ -10,16 +11,17 @@ from ..camera import CROP_MARGIN, clamp_square, crop_image, square_around, to_cr
 from ..errors import InputError
 from . import bop
 from .drones import DRONES
+from .own import VARIABLE
 from .scenes import HEIGHT, SPLITS, WIDTH, subsequences
 
 SMALLEST_SIDE = 20  # pixels, of `degrade`
 
 
-def read_image(path):
+def read_image(path, digest=None):
     """A JPEG as (H, W, 3) uint8 RGB.
 
     Raises:
-        InputError: missing, truncated or not a JPEG; the message names the file.
+        InputError: missing, truncated or not a JPEG, or another one than `digest` (of flight.json) tells; the message names the file.
     """
     try:
         data = Path(path).read_bytes()
@@ -30,6 +32,8 @@ def read_image(path):
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if whole else None
     if image is None:
         raise InputError(f"{path}: truncated or not a JPEG; delete its flight folder and run generate again")
+    if digest and hashlib.sha256(data).hexdigest()[:16] != digest:
+        raise InputError(f"{path}: not the image that was generated; delete its flight folder and run generate again")
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 
@@ -91,6 +95,11 @@ class SixDroneSyn(torch.utils.data.Dataset):
         self.root, self.split, self.size, self.augment, self.seed, self.epoch = Path(root), split, size, augment, seed, 0
         self.degrade = degrade
         self.manifest = bop.read_json(self.root / "manifest.json")
+        if not isinstance(self.manifest, dict) or not isinstance(self.manifest.get("planned", {}), dict):
+            raise InputError(f"{self.root / 'manifest.json'}: not a data set's manifest; run generate again")
+        for name, digest in self.manifest.get("settings", {}).get("own_drones", {}).items():
+            if name not in DRONES or DRONES[name].digest != digest:
+                raise InputError(f"{self.root} was made with another drone {name}: set {VARIABLE} to the folder it was made with")
         for name in drones or ():
             if name not in DRONES:
                 raise InputError(f"drone {name!r}: choose from {', '.join(DRONES)}")
@@ -99,12 +108,13 @@ class SixDroneSyn(torch.utils.data.Dataset):
         planned = [s for s in subsequences() if s.split == split and f"{s.id:06d}" in self.manifest.get("planned", {})]
         if len(folders) < len(planned):
             raise InputError(f"{self.root}: {len(folders)} of {len(planned)} {split} flights are there; run generate again, it resumes")
-        self.frames, self.folders = [], []
+        self.frames, self.folders, self.digests = [], [], []
         for folder in folders:
-            frames, _ = bop.read_flight(folder)
+            frames, flight = bop.read_flight(folder)
             kept = [f for f in frames[::stride] if f.obj_id in wanted]
             self.frames += kept
             self.folders += [folder] * len(kept)
+            self.digests += [flight.get("digests", {}).get(str(f.number), [None])[0] for f in kept]
         if not self.frames:
             raise InputError(f"{self.root}: no {split} frames; its scenes are not in this data set, or generate has not finished")
 
@@ -117,7 +127,7 @@ class SixDroneSyn(torch.utils.data.Dataset):
 
     def stored_image(self, index):
         """The image on disk: (size, size, 3) or (1080, 1920, 3) uint8 RGB."""
-        return read_image(bop.image_path(self.folders[index], self.frames[index].number))
+        return read_image(bop.image_path(self.folders[index], self.frames[index].number), self.digests[index])
 
     def _generator(self, index, purpose):
         return np.random.default_rng([self.seed, self.epoch, index, purpose])

@@ -110,7 +110,8 @@ def read_body(drone: Drone) -> pv.PolyData:
         colours = next((np.asarray(mesh.point_data[name])[:, :3] for name in ("RGB", "rgb", "RGBA") if name in mesh.point_data), None)
         mesh.clear_data()
         if colours is not None:
-            mesh.point_data["rgb"] = np.asarray(colours, np.uint8)
+            whole = 255 * colours if np.issubdtype(colours.dtype, np.floating) and colours.max() <= 1 else colours
+            mesh.point_data["rgb"] = np.asarray(np.clip(whole, 0, 255), np.uint8)
         mesh = mesh.compute_normals(cell_normals=False, split_vertices=True, feature_angle=38.0, auto_orient_normals=True)
     except Exception as error:  # PyVista's readers and filters have no common one
         raise InputError(f"{drone.mesh}: not a mesh that PyVista reads ({str(error).splitlines()[0]})") from None
@@ -118,6 +119,9 @@ def read_body(drone: Drone) -> pv.PolyData:
     size = np.ptp(np.asarray(mesh.points), axis=0).max()
     if not 0.5 < size / drone.wheelbase < 4:
         raise InputError(f"{drone.mesh}: {size:.3g} m large, but its hubs are {drone.wheelbase:.3g} m apart; is mesh_unit right?")
+    away = np.linalg.norm(np.asarray(mesh.points).mean(axis=0) - drone.hubs.mean(axis=0))
+    if away > drone.wheelbase:
+        raise InputError(f"{drone.mesh}: its middle is {away:.3g} m away from that of its hubs; do both have the same origin and axes?")
     if "rgb" not in mesh.point_data:
         mesh.point_data["rgb"] = np.tile(np.uint8(drone.hull_rgb), (mesh.n_points, 1))
     mesh.point_data["specular"] = np.full(mesh.n_points, 0.25, np.float32)

@@ -12,7 +12,6 @@ motor_radius (metres), body_mm (length, width, height), hull_rgb, propeller_rgb,
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..files import read_json
 
 VARIABLE = "DRONEKEYPP_DRONES"
 MOST = 3  # a flight's folder number has one digit for the drone, and seven are taken
@@ -55,18 +55,17 @@ def read(taken: tuple[str, ...]) -> list[dict[str, Any]]:
 
 def one(path: Path) -> dict[str, Any]:
     """The fields of one file."""
-    try:
-        given = json.loads(path.read_text(encoding="utf-8"))
-        missing = [key for key in NEEDED if key not in given]
-        unknown = [key for key in given if key not in (*NEEDED, *DEFAULTS, "label", "body_mm")]
-    except (json.JSONDecodeError, TypeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not the JSON of a drone ({error})") from None
+    given = read_json(path)
+    if not isinstance(given, dict):
+        raise InputError(f"{path}: not the fields of a drone but a {type(given).__name__}")
+    missing = [key for key in NEEDED if key not in given]
+    unknown = [key for key in given if key not in (*NEEDED, *DEFAULTS, "label", "body_mm")]
     if missing or unknown:
         raise InputError(f"{path}: {'lacks ' + missing[0] if missing else 'unknown field ' + unknown[0]}")
     given = {**DEFAULTS, "label": given["name"], **given}
     if not (isinstance(given["name"], str) and given["name"].isalnum()):
         raise InputError(f"{path}: name {given['name']!r}: letters and digits only")
-    if given["mesh_unit"] not in UNITS:
+    if str(given["mesh_unit"]) not in UNITS:
         raise InputError(f"{path}: mesh_unit {given['mesh_unit']!r}: m or mm")
     mesh = path.parent / str(given["mesh"])
     if not mesh.is_file():
@@ -76,10 +75,10 @@ def one(path: Path) -> dict[str, Any]:
         diameter, mass, motor = (float(given[key]) for key in ("propeller_diameter", "mass", "motor_radius"))
         colours = {key: tuple(int(v) for v in given[key]) for key in ("hull_rgb", "trim_rgb", "propeller_rgb", "tip_rgb")}
         body = tuple(float(v) for v in given.get("body_mm") or 1000 * np.ptp(hubs, axis=0) + 20)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{path}: {error}") from None
     check_hubs(path, hubs)
-    if not (0.01 < diameter < 1 and 0.01 < mass < 50 and 0 < motor < diameter and len(body) == 3):
+    if not (0.01 < diameter < 1 and 0.01 < mass < 50 and 0 < motor < diameter and len(body) == 3 and all(1 < v < 5000 for v in body)):
         raise InputError(f"{path}: propeller_diameter and motor_radius in metres, mass in kg, body_mm three lengths in millimetres")
     if any(len(c) != 3 or not all(0 <= v <= 255 for v in c) for c in colours.values()):
         raise InputError(f"{path}: a colour is three numbers, 0 to 255")
