@@ -7,6 +7,8 @@ import re
 import sys
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from dronekeypp.baselines import load_network
@@ -14,6 +16,7 @@ from dronekeypp.errors import InputError
 from dronekeypp.evaluate import evaluate, measure
 from dronekeypp.files import command_line
 from dronekeypp.reproduce import ablations, beyond, claims, domains, figure6, read_result, table3, tables
+from dronekeypp.reproduce.picture import sheet
 from dronekeypp.reproduce.runner import describe
 from dronekeypp.sixdronesyn.dataset import SixDroneSyn
 
@@ -114,6 +117,13 @@ def test_the_shipped_geometric_network_does_what_its_row_says():
 def test_the_claims_in_the_readme_are_those_of_the_recorded_results():
     text = (ROOT / "README.md").read_text()
     assert text == claims.into(text, claims.Results())
+
+
+def test_the_readmes_picture_shows_seven_drones():
+    picture = cv2.imdecode(np.frombuffer(sheet(ROOT / "data_samples"), np.uint8), cv2.IMREAD_COLOR)
+    there = cv2.imread(str(ROOT / "figures" / "overlay.jpg"))
+    assert picture.shape == there.shape == (2 * 326, 4 * 486, 3)
+    assert np.abs(picture.astype(float) - there).mean() < 3  # drawn with the shipped network
 
 
 @pytest.mark.parametrize("claim", claims.CLAIMS, ids=lambda c: f"{c.where}: {c.says}"[:60])

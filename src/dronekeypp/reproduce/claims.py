@@ -13,6 +13,7 @@ from typing import Any
 from dronekeypp.errors import InputError
 from dronekeypp.files import write_beside
 from dronekeypp.reproduce import ablations
+from dronekeypp.reproduce.picture import sheet
 from dronekeypp.reproduce.runner import PAPER, read_result
 from dronekeypp.reproduce.tables import average
 from dronekeypp.sixdronesyn import scenes
@@ -298,7 +299,7 @@ def into(readme: str, results: Results) -> str:
 
 
 def reproduce(root: Path) -> dict[str, Any]:
-    """Write the three tables into README.md, and {"claims": number, verdict: number of each} back.
+    """Write the three tables into README.md, its picture into figures/, and {"claims": number, verdict: number of each} back.
 
     Raises:
         InputError: a result is missing, or a verdict no longer holds (it is named).
@@ -309,4 +310,5 @@ def reproduce(root: Path) -> dict[str, Any]:
             raise InputError(f"{claim.where}, {claim.says}: the verdict “{claim.verdict}” no longer fits the results; look at it again")
     path = root / "README.md"
     write_beside(path, into(path.read_text(encoding="utf-8"), results).encode())
+    write_beside(root / "figures" / "overlay.jpg", sheet(root / "data_samples"))
     return {"claims": len(CLAIMS), **{verdict: sum(c.verdict == verdict for c in CLAIMS) for verdict in (REPRODUCED, DIFFERS, NOT_ATTEMPTED)}}

@@ -58,13 +58,15 @@ def contact_sheet(path: str | Path, height: int = 1024, columns: int = 4, seed: 
     tiles = []
     for name in ENVIRONMENTS:
         tile = cv2.resize(render_environment(name, height, seed), (width, width // 2), interpolation=cv2.INTER_AREA)
-        for colour, shift in (((0, 0, 0), 1), ((255, 255, 255), 0)):  # a shadow keeps white letters legible
-            place = (8 + shift, width // 2 - 10 + shift)
-            cv2.putText(tile, name.replace("_", " "), place, cv2.FONT_HERSHEY_SIMPLEX, 0.55, colour, 1, cv2.LINE_AA)
+        text, font = name.replace("_", " "), (cv2.FONT_HERSHEY_SIMPLEX, 0.8)
+        (wide, high), below = cv2.getTextSize(text, *font, 1)
+        cv2.rectangle(tile, (0, width // 2 - high - below - 6), (wide + 16, width // 2), (40, 40, 40), -1)  # letters are legible on any ground
+        cv2.putText(tile, text, (8, width // 2 - below - 2), *font, (255, 255, 255), 1, cv2.LINE_AA)
         tiles.append(np.pad(tile, ((2, 2), (2, 2), (0, 0)), constant_values=255))
-    while len(tiles) % columns:
-        tiles.append(np.full_like(tiles[0], 255))
-    sheet = np.concatenate([np.concatenate(tiles[i : i + columns], 1) for i in range(0, len(tiles), columns)])
+    rows = [np.concatenate(tiles[i : i + columns], 1) for i in range(0, len(tiles), columns)]
+    short = rows[0].shape[1] - rows[-1].shape[1]
+    rows[-1] = np.pad(rows[-1], ((0, 0), (short // 2, short - short // 2), (0, 0)), constant_values=255)
+    sheet = np.concatenate(rows)
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     if not cv2.imwrite(str(path), cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR)):
