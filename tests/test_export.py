@@ -10,7 +10,7 @@ from dronekeypp import export as export_module
 from dronekeypp.baselines import DroneKey
 from dronekeypp.cli import main
 from dronekeypp.errors import InputError
-from dronekeypp.export import DOUBT, OUTPUTS, OnnxNetwork, export, largest_differences, load_checkpoint
+from dronekeypp.export import CONFIG_KEY, DOUBT, OUTPUTS, OnnxNetwork, export, largest_differences, load_checkpoint
 from dronekeypp.model import DroneKeyPP, ModelConfig
 
 GEOMETRIC = {"rays": "split", "pose": "geometric", "classifier": "features"}
@@ -56,7 +56,7 @@ def test_predict_takes_it(tmp_path, capsys):
 
 
 def test_what_cannot_be_exported_or_read(tmp_path, monkeypatch):
-    pytest.importorskip("onnxscript")
+    onnx = pytest.importorskip("onnx")
     with pytest.raises(InputError, match="call it .onnx"):
         export(saved(tmp_path / "net"), tmp_path / "net.pt")
     with pytest.raises(InputError, match="no network with an encoder"):
@@ -71,6 +71,13 @@ def test_what_cannot_be_exported_or_read(tmp_path, monkeypatch):
         model.decoder.mlp_pose[-1].bias.fill_(float("nan"))
     with pytest.raises(InputError, match="the network's answer is not finite"):
         largest_differences(model.eval(), model, FakeDrones(4))
+    export(saved(tmp_path / "plain"), tmp_path / "plain.onnx")
+    file = onnx.load(tmp_path / "plain.onnx")
+    entry = next(entry for entry in file.metadata_props if entry.key == CONFIG_KEY)
+    entry.value = ModelConfig(**tiny(image_size=128)).to_json()
+    onnx.save(file, tmp_path / "other.onnx")
+    with pytest.raises(InputError, match="its settings are not those of its graph"):
+        OnnxNetwork(tmp_path / "other.onnx")
     (tmp_path / "broken.onnx").write_bytes(b"nothing")
     with pytest.raises(InputError, match="not a readable ONNX file"):
         OnnxNetwork(tmp_path / "broken.onnx")

@@ -210,6 +210,11 @@ def _camera(key, value):
     return lambda root: _edit(root / "test/000610/scene_camera.json", lambda d: d["30"].update({key: value}))
 
 
+def _around(square, side):
+    """A box with the middle of a square."""
+    return [square[0] + square[2] / 2 - side / 2, square[1] + square[2] / 2 - side / 2, side, side]
+
+
 def _truncate(root):
     path = root / "test/000610/rgb/000030.jpg"
     path.write_bytes(path.read_bytes()[:-40])
@@ -230,7 +235,7 @@ IDENTITY = [1, 0, 0, 0, 1, 0, 0, 0, 1]
 FAULTS = {
     "truncated JPEG": (_truncate, ["000030.jpg", "truncated"]),
     "image deleted": (lambda root: (root / "test/000610/rgb/000030.jpg").unlink(), ["000030.jpg", "missing"]),
-    "other image": (_repaint, ["000030.jpg", "digest"]),
+    "other image": (_repaint, ["000030.jpg", "not the image that was generated"]),
     "missing annotation": (
         lambda root: _edit(root / "test/000610/scene_gt.json", lambda d: d.pop("30")),
         ["scene_gt.json frame 30", "no annotation"],
@@ -251,9 +256,17 @@ FAULTS = {
         lambda root: _edit(root / "test/000610/scene_gt_info.json", lambda d: d["30"][0].update(bbox_obj=[5, 5, 0, 9])),
         ["scene_gt_info.json frame 30", "no area"],
     ),
+    "box reaches outside": (
+        lambda root: _edit(root / "test/000610/scene_gt_info.json", lambda d: d["30"][0].update(bbox_obj=_around(d["30"][0]["crop"], 4000))),
+        ["frame 30", "bbox_obj reaches outside the frame"],
+    ),
+    "crop without area": (
+        lambda root: _edit(root / "test/000610/scene_gt_info.json", lambda d: d["30"][0].update(crop=[10, 10, 0])),
+        ["frame 30", "crop has no area"],
+    ),
     "box outside": (
         lambda root: _edit(root / "test/000610/scene_gt_info.json", lambda d: d["30"][0].update(bbox_obj=[-5, 5, 3000, 2000])),
-        ["frame 30", "bbox_obj lies outside"],
+        ["frame 30", "the middle of bbox_obj lies outside"],
     ),
     "a list instead of a table": (lambda root: (root / "test/000610/scene_gt.json").write_text("[]"), ["scene_gt.json", "not a table"]),
     "an entry that is null": (
@@ -401,7 +414,7 @@ def test_what_cannot_be_learned_from_is_not_read(name, small_dataset, tmp_path):
     shutil.copytree(small_dataset, root)
     damage, match = {
         "behind the camera": (_gt("cam_t_m2c", [0, 0, -1000]), "frame 30: cam_t_m2c puts the drone behind the camera"),
-        "box outside": (FAULTS["box outside"][0], "frame 30: bbox_obj lies outside the stored crop"),
+        "box outside": (FAULTS["box outside"][0], "frame 30: the middle of bbox_obj lies outside the stored crop"),
         "other image": (_repaint, "000030.jpg: not the image that was generated"),
         "manifest": (lambda root: (root / "manifest.json").write_text("[]"), "not a data set's manifest"),
         "own drone": (lambda root: _edit(root / "manifest.json", lambda d: d["settings"].update(own_drones={"Racer": "0"})), "another drone Racer"),

@@ -419,6 +419,7 @@ def test_settings_round_trip_and_read_text():
     [
         (dict(colour=1), "unknown setting 'colour'; known: backbone, "), (dict(rays="bent"), "rays='bent' is not one of: raw, "),
         (dict(layers=0), "layers=0 must be at least 1"), (dict(layers=1.5), "layers=1.5 does not fit: expected int"),
+        (dict(width=2000000000), "width=2000000000 must be at most 8192"),
         (dict(layers="many"), "layers='many' does not fit"), (dict(use_3d="perhaps"), "use_3d='perhaps' does not fit: expected bool"),
         (dict(dropout=float("nan")), "dropout=nan does not fit"), (dict(dropout=1.0), "dropout=1 must be below 1"),
         (dict(width=30), "multiple of heads"), (dict(image_size=100), "image_size=100 must be a multiple of 16"),

@@ -118,6 +118,16 @@ def test_bad_folders_and_files(folder, tmp_path, monkeypatch):
         own.read(SEVEN)
 
 
+@pytest.mark.parametrize("colour", [np.float32([1.0, 0.5, 0.0]), np.uint8([255, 128, 0])])
+def test_a_mesh_keeps_its_colours(colour, folder):
+    mesh = pv.read(folder / "racer.stl")
+    mesh.point_data["RGB"] = np.tile(colour, (mesh.n_points, 1))
+    mesh.save(folder / "racer.vtp")
+    (folder / "racer.json").write_text(json.dumps({**RACER, "mesh": "racer.vtp"}))
+    probe = "from dronekeypp.sixdronesyn.meshes import drone_mesh\nprint(drone_mesh('Racer').body['rgb'].mean(axis=0).round().astype(int).tolist())"
+    assert run(probe, folder).strip() in ("[255, 127, 0]", "[255, 128, 0]")
+
+
 def test_a_mesh_in_the_wrong_unit_or_none_at_all(folder):
     probe = "from dronekeypp.sixdronesyn.meshes import drone_mesh\nfrom dronekeypp.errors import InputError\n"
     probe += "try: drone_mesh('Racer')\nexcept InputError as error: print(error)"

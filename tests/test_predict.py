@@ -16,7 +16,7 @@ from dronekeypp.camera import from_crop, to_crop
 from dronekeypp.cli import main
 from dronekeypp.errors import InputError
 from dronekeypp.files import alone
-from dronekeypp.footage import Calibration, Tracker, open_footage, read_boxes, read_camera
+from dronekeypp.footage import Calibration, Footage, Tracker, open_footage, read_boxes, read_camera
 from dronekeypp.model import DroneKeyPP
 from dronekeypp.predict import JOURNAL, POSES, mirror_doubt, predict, read_journal
 from dronekeypp.rotations import geodesic_degrees
@@ -179,7 +179,8 @@ def test_a_drone_that_straightening_cuts_off_has_no_pose(small, tmp_path):
 def test_a_broken_frame_is_told_and_passed_over(footage, small, tmp_path):
     images, camera, boxes, _ = footage
     folder = shutil.copytree(images, tmp_path / "images")
-    (folder / "shot_2.jpg").write_bytes(b"no picture")
+    (folder / "shot_2.jpg").unlink()
+    (folder / "shot_2.jpg").symlink_to("nowhere.jpg")
     cv2.imwrite(str(folder / "shot_4.jpg"), np.zeros((100, 200, 3), np.uint8))
     few = tmp_path / "few.csv"
     few.write_text("\n".join(line for line in boxes.read_text().splitlines() if "shot_5" not in line) + "\n")
@@ -219,7 +220,7 @@ def video(tmp_path_factory):
     return root / "video.avi", root / "camera.json"
 
 
-def test_a_video_and_a_box_in_its_first_frame(video, small, tmp_path):
+def test_a_video_and_a_box_in_its_first_frame(video, small, tmp_path, monkeypatch):
     path, camera = video
     source = open_footage(path)
     assert source.rate == 25 and len(source.names) == 12
@@ -233,6 +234,8 @@ def test_a_video_and_a_box_in_its_first_frame(video, small, tmp_path):
     journal.write_text("".join(journal.read_text().splitlines(keepends=True)[:6]))
     again = predict(small, path, camera, tmp_path / "out", box=(80, 100, 60, 40), overlay=False, progress=False)
     np.testing.assert_array_equal([pose.box for pose in again], [pose.box for pose in poses])
+    monkeypatch.setattr(predict_module, "carry", None)  # nothing is left to track
+    assert len(predict(small, path, camera, tmp_path / "out", box=(80, 100, 60, 40), smooth=0.1, overlay=False, progress=False)) == 12
 
 
 def test_a_video_whose_header_counts_wrong(video, tmp_path):
@@ -297,9 +300,13 @@ def test_rows_that_cannot_be_read_are_made_again(footage, small, tmp_path):
     whole = predict(small, images, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=False)
     journal = tmp_path / "out" / JOURNAL
     lines = journal.read_bytes().splitlines(keepends=True)
-    journal.write_bytes(b"".join([*lines[:3], b"2,shot_2.jpg,ok,\xff" + lines[3].split(b"ok,")[1], *lines[4:]]))
-    again = predict(small, images, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=False)
-    np.testing.assert_allclose([pose.t for pose in again], [pose.t for pose in whole], atol=1e-5)
+    cells = lines[3].split(b",")
+    for damaged in (3, 7):  # a number, the drone's name
+        row = b",".join([*cells[:damaged], b"\xff", *cells[damaged + 1 :]])
+        journal.write_bytes(b"".join([*lines[:3], row, *lines[4:]]))
+        assert len(read_journal(journal)) == 2
+        again = predict(small, images, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=False)
+        np.testing.assert_allclose([pose.t for pose in again], [pose.t for pose in whole], atol=1e-5)
 
 
 def test_two_processes_may_not_write_one_run(footage, small, tmp_path):
@@ -317,6 +324,20 @@ def test_a_flight_of_the_data_set_is_footage(small, frames, tmp_path):
     np.testing.assert_array_equal(read_camera(flight / "scene_camera.json").K, frames.frames[4].K)
     with pytest.raises(InputError, match="21 images could be"):
         read_boxes(frames.root / "coco_test.json", ("000000.jpg",), 1920, 1080, tmp_path)
+    (tmp_path / "link").symlink_to(flight / "rgb")
+    linked = read_boxes(frames.root / "coco_test.json", ("000000.jpg",), 1920, 1080, tmp_path / "link")
+    np.testing.assert_allclose(linked[0], frames.frames[4].box, atol=0.01)
+
+
+def test_coco_sets_of_several_videos(tmp_path):
+    """Frames of a video lie as in a folder of its name; ids may be long; an absolute name counts; a sliver of a box does not."""
+    ids = (-9223372036854775801, 18446744073709551611, 5.0, 7)
+    names = ("v1/000000.jpg", "v2/000000.jpg", f"{tmp_path}/v2/000001.jpg", "v1/000001.jpg")
+    entries = [{"image_id": i, "bbox": [10 * n, 20, 30, 40]} for n, i in enumerate(ids, 1)] + [{"image_id": ids[1], "bbox": [99.5, 20, 0.5, 40]}]
+    coco = {"images": [{"id": i, "file_name": name} for i, name in zip(ids, names, strict=True)], "annotations": entries}
+    (tmp_path / "coco.json").write_text(json.dumps(coco))
+    found = read_boxes(tmp_path / "coco.json", ("000000", "000001"), 200, 100, Footage(tmp_path / "v2.mp4", (), None).folder)
+    assert {frame: box[0] for frame, box in found.items()} == {0: 20, 1: 30}
 
 
 @pytest.mark.parametrize("smooth", [-1, float("nan"), 1e-200])
@@ -466,8 +487,10 @@ def test_bad_footage(footage, small, tmp_path):
     for path, match in bad.items():
         with pytest.raises(InputError, match=match):
             open_footage(tmp_path / path)
+    (tmp_path / "full" / ".lock").write_text("theirs")
     with pytest.raises(InputError, match="not empty and not a run of predict"):
         predict(small, images, camera, tmp_path / "full", boxes=boxes, progress=False)
+    assert (tmp_path / "full" / ".lock").read_text() == "theirs"
     with pytest.raises(InputError, match="boxes not found"):
         predict(small, images, camera, tmp_path / "out", boxes=tmp_path / "no.csv", progress=False)
     with pytest.raises(InputError, match="camera file not found"):

@@ -15,13 +15,13 @@ from .errors import InputError
 
 
 def read_json(path: str | Path, missing: str = "not found", mend: str = "") -> Any:
-    """The content of a JSON file; a whole number too long for any purpose comes back as infinity.
+    """The content of a JSON file; a whole number that no float can hold comes back as infinity.
 
     Raises:
         InputError: missing, or not JSON; the message names the file, and says `missing` or the `mend`.
     """
     try:
-        return json.loads(Path(path).read_text(encoding="utf-8"), parse_int=lambda text: int(text) if len(text) < 20 else float(text))
+        return json.loads(Path(path).read_text(encoding="utf-8"), parse_int=lambda text: int(text) if len(text) < 300 else float(text))
     except FileNotFoundError:
         raise InputError(f"{path}: {missing}") from None
     except (ValueError, RecursionError) as error:

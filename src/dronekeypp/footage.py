@@ -20,6 +20,7 @@ from .errors import InputError
 from .files import read_json
 
 IMAGES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
+SLIVER = 1.0  # pixels: what a detector leaves of a box at the frame's edge
 VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".m4v", ".webm")
 
 
@@ -40,12 +41,13 @@ class Footage:
 
     @property
     def folder(self) -> Path:
-        return self.path if self.path.is_dir() else self.path.parent
+        """Where its frames lie; those of a video as if they lay in a folder of its name."""
+        return self.path.with_suffix("") if self.is_video else self.path if self.path.is_dir() else self.path.parent
 
     def digest(self) -> str:
         """What tells it from other footage at the same place: names and sizes of its files."""
         files = [self.path] if self.is_video else [self.folder / name for name in self.names]
-        told = "\n".join(f"{file.name} {file.stat().st_size}" for file in files)
+        told = "\n".join(f"{file.name} {file.stat().st_size if file.is_file() else 'missing'}" for file in files)
         return hashlib.sha256(os.fsencode(told)).hexdigest()[:16]
 
     def read(self, start: int = 0) -> Iterator[tuple[int, np.ndarray | None]]:
@@ -102,7 +104,8 @@ def open_footage(path: str | Path) -> Footage:
             count += 1
         if count < 1:
             raise InputError(f"{path}: cannot be opened as a video; is it whole?")
-        if count < promised < path.stat().st_size:  # a frame takes a byte at least: what is promised and cannot be read is reported
+        # What is promised and cannot be read is reported. But a frame takes a byte at least, and Matroska promises no frames, only a duration.
+        if count < promised < path.stat().st_size and path.suffix.lower() not in (".mkv", ".webm"):
             count = int(promised)
     finally:
         video.release()
@@ -131,8 +134,9 @@ class Calibration:
         Raises:
             InputError: another shape: then they were cut, and the matrix cannot be known; or no lens has such a focal length.
         """
-        if not 0.05 < self.K[0, 0] / (self.size or (width, height))[0] < 1000:
-            raise InputError(f"a focal length of {self.K[0, 0]:g} pixels for a frame {width} wide: is the matrix in pixels of the whole frame?")
+        wide = self.size[0] if self.size else width
+        if not 0.05 < self.K[0, 0] / wide < 1000:
+            raise InputError(f"a focal length of {self.K[0, 0]:g} pixels for a frame {wide} wide: is the matrix in pixels of the whole frame?")
         if self.size is None or self.size == (width, height):
             return self
         if abs(width * self.size[1] / self.size[0] - height) > 1:  # pixels
@@ -248,7 +252,8 @@ def read_boxes(path: str | Path, names: tuple[str, ...], width: int, height: int
     elif not path.is_file():
         raise InputError(f"{path}: boxes not found")
     elif path.suffix.lower() == ".json":
-        rows = _coco(path, by_name, [(Path(folder).resolve() / name).as_posix() for name in names])
+        folders = [Path(os.path.abspath(folder)), Path(folder).resolve()]
+        rows = _coco(path, by_name, [tuple((one / name).with_suffix("").as_posix() for one in folders) for name in names])
     elif path.suffix.lower() == ".csv":
         rows = _csv(path, by_name)
     elif "," in path.read_text(errors="replace").split("\n", 1)[0]:
@@ -258,6 +263,8 @@ def read_boxes(path: str | Path, names: tuple[str, ...], width: int, height: int
     best: dict[int, tuple[float, np.ndarray]] = {}
     for where, frame, box, score in rows:
         box = check_box(box, width, height, where)
+        if box[2:].min() < SLIVER:
+            continue
         if frame < 0:
             raise InputError(f"{where}: frame {frame}; the first is number 0")
         if not np.isfinite(score):
@@ -278,8 +285,8 @@ def check_box(box, width: int, height: int, where: str) -> np.ndarray:
     box = np.array(box, dtype=np.float64)
     if box.shape != (4,) or not np.isfinite(box).all() or box[2] <= 0 or box[3] <= 0:
         raise InputError(f"{where}: a box needs four finite numbers, width and height above 0, got {box.tolist()}")
-    if box[2:].min() < 1:
-        raise InputError(f"{where}: a box of {box[2]:g} × {box[3]:g} pixels; are these shares of the frame?")
+    if np.abs(box).max() <= 1:
+        raise InputError(f"{where}: {box.tolist()} are shares of the frame; pixels are needed")
     if box[0] >= width or box[1] >= height or box[0] + box[2] <= 0 or box[1] + box[3] <= 0:
         raise InputError(f"{where}: the box {box.tolist()} lies outside the {width}×{height} frame")
     return box
@@ -323,9 +330,9 @@ def _mot(path: Path) -> Iterator[tuple]:
 def _csv(path: Path, by_name: dict[str, int]) -> Iterator[tuple]:
     with open(path, newline="", encoding="utf-8-sig", errors="replace") as file:  # Excel writes a mark in front
         reader = csv.DictReader(file)
-        if not {"frame", "x", "y", "w", "h"} <= set(reader.fieldnames or ()):
-            raise InputError(f"{path}: the header needs frame, x, y, w, h[, score]; it has {', '.join(reader.fieldnames or ()) or 'nothing'}")
         try:
+            if not {"frame", "x", "y", "w", "h"} <= set(reader.fieldnames or ()):
+                raise InputError(f"{path}: the header needs frame, x, y, w, h[, score]; it has {', '.join(reader.fieldnames or ()) or 'nothing'}")
             rows = list(reader)
         except csv.Error as error:
             raise InputError(f"{path}: not CSV ({error})") from None
@@ -338,22 +345,26 @@ def _csv(path: Path, by_name: dict[str, int]) -> Iterator[tuple]:
             raise InputError(f"{path} line {number}: not a frame of the footage and four numbers: {row}") from None
 
 
-def _coco(path: Path, by_name: dict[str, int], places: list[str]) -> Iterator[tuple]:
+def _coco(path: Path, by_name: dict[str, int], places: list[tuple[str, str]]) -> Iterator[tuple]:
+    """`places`: of every frame its path without suffix, as given and with links resolved."""
     found = read_json(path)
     images: dict = {}
     if isinstance(found, dict):
         known: dict[int | None, list] = {}  # frame of the footage: the images that could be it
         for image in found["images"] if isinstance(found.get("images"), list) else []:
-            if not isinstance(image, dict) or not isinstance(image.get("id"), int | str):
+            if not isinstance(image, dict) or not isinstance(image.get("id"), int | float | str):
                 raise InputError(f"{path}: an image without id and file_name: {image!r}")
             name = Path(str(image.get("file_name", "")))
             known.setdefault(by_name.get(name.name, by_name.get(name.stem)), []).append((image["id"], name.as_posix()))
         images = {number: None for number, _ in known.pop(None, [])}
         for frame, found_here in known.items():
-            same = [number for number, name in found_here if len(found_here) == 1 or places[frame].endswith(f"/{name}")]
-            if len(same) != 1:
-                raise InputError(f"{path}: {len(found_here)} images could be {places[frame]}; give file_name with its folders")
-            images |= {number: None for number, _ in found_here} | {same[0]: frame}
+            here = {name for _, name in found_here}
+            if len(here) > 1:  # several flights have an image of that name
+                tails = {name: f"/{Path(name).with_suffix('').as_posix().lstrip('/')}" for name in here}
+                here = {name for name, tail in tails.items() if any(place.endswith(tail) for place in places[frame])}
+            if len(here) != 1:
+                raise InputError(f"{path}: {len(found_here)} images could be {places[frame][0]}; give file_name with its folders")
+            images |= {number: frame if name in here else None for number, name in found_here}
         found = found.get("annotations")
     if not isinstance(found, list):
         raise InputError(f"{path}: neither a COCO list of detections nor a COCO data set")

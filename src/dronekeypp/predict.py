@@ -39,7 +39,7 @@ from .sequences import gaussian
 from .sixdronesyn.drones import DRONES
 from .sixdronesyn.own import VARIABLE
 
-JOURNAL, POSES, SETTINGS = "frames.csv", "poses.csv", "settings.json"
+JOURNAL, POSES, SETTINGS, TRAJECTORY, PICTURE = "frames.csv", "poses.csv", "settings.json", "trajectory.png", "overlay.png"
 COLUMNS = (
     "frame", "name", "status", "box_x", "box_y", "box_w", "box_h", "drone", "score", "doubt_px",
     *(f"kp{k}_{axis}" for k in range(4) for axis in "xy"), *(f"R{i}{j}" for i in range(3) for j in range(3)), "tx", "ty", "tz", "seconds",
@@ -123,6 +123,7 @@ def predict(
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file, not a folder")
     out.mkdir(parents=True, exist_ok=True)
+    check_ours(out)
     with alone(out):
         done = begin(out, settings)
         with open(out / JOURNAL, "a", newline="", encoding="utf-8", errors="surrogateescape") as file:
@@ -130,7 +131,7 @@ def predict(
             if file.tell() == 0:
                 journal.writerow(COLUMNS)
             hidden, start = not (progress and sys.stderr.isatty()), len(done)
-            carried = None if given is not None else carry(source, box, start, (width, height))
+            carried = None if given is not None or start == len(source.names) else carry(source, box, start, (width, height))
             steps = tqdm(source.read(start), "predict", len(source.names), initial=start, disable=hidden, leave=False)
             for rows in predicted(network, calibration, (width, height), steps, given, carried):
                 journal.writerows([number, source.names[number], *rest] for number, *rest in rows)
@@ -144,7 +145,7 @@ def predict(
         if smooth > 0:
             poses = smoothed(poses, smooth, rate)
         write_beside(out / POSES, bop_results(poses).encode())
-        write_beside(out / "trajectory.png", draw_trajectory(poses))
+        write_beside(out / TRAJECTORY, draw_trajectory(poses))
         if overlay:
             write_overlay(out, source, calibration, {pose.frame: pose for pose in poses}, rate)
     skipped = [row for row in rows if row["status"] != GOOD]
@@ -166,18 +167,24 @@ def boxes_digest(path: str | Path) -> str:
     return hashlib.sha256(b"".join(file.name.encode() + file.read_bytes() for file in files)).hexdigest()[:16]
 
 
-def begin(out: Path, settings: dict[str, Any]) -> list[dict[str, str]]:
-    """Take up what is in `out`, or begin: the journal's whole rows, anything half written cut off. What is not a run of predict is left alone."""
-    old = read_json(out / SETTINGS, mend="choose another folder") if (out / SETTINGS).is_file() else None
-    there = [path.name for path in out.iterdir() if not path.name.startswith(".")]
-    if (there if old is None else not isinstance(old, dict) or not settings.keys() <= old.keys()):
+def check_ours(out: Path) -> dict[str, Any]:
+    """The settings of the run in the folder `out`, {} of an empty one. Raises InputError for any other: it is not ours to write to."""
+    old = read_json(out / SETTINGS, mend="choose another folder") if (out / SETTINGS).is_file() else {}
+    there = [path.name for path in out.iterdir() if not (path.name == ".lock" or path.name.endswith((".tmp", ".tmp.mp4")))]
+    if there and not (isinstance(old, dict) and {"checkpoint", "footage"} <= old.keys()):
         raise InputError(f"{out} is not empty and not a run of predict: choose another folder")
-    for name in (SETTINGS, JOURNAL, POSES):  # a kill while writing leaves one behind
+    return old
+
+
+def begin(out: Path, settings: dict[str, Any]) -> list[dict[str, str]]:
+    """Take up what is in `out`, or begin: the journal's whole rows, anything half written cut off."""
+    old = check_ours(out)
+    for name in (SETTINGS, JOURNAL, POSES, TRAJECTORY, PICTURE):  # a kill while writing leaves one behind
         for left in out.glob(f".{name}.*.tmp"):
             left.unlink()
     rows = read_journal(out / JOURNAL) if (out / JOURNAL).is_file() else []
     for name, value in settings.items():
-        if rows and old[name] != value:
+        if rows and old.get(name) != value:
             raise InputError(f"{out} was begun with another {name}; choose another folder, or remove it")
     write_beside(out / SETTINGS, (json.dumps(settings, indent=1) + "\n").encode())
     text = io.StringIO()
@@ -204,7 +211,9 @@ def read_journal(path: Path) -> list[dict[str, str]]:
         for number, row in enumerate(table):
             if None in row.values() or None in row or row["frame"] != str(number):
                 break
-            to_pose(row)
+            pose = to_pose(row)
+            if pose and pose.drone not in DRONES:
+                break
             whole.append(row)
     except (ValueError, csv.Error):
         pass  # what cannot be read is done again
@@ -368,7 +377,7 @@ def write_overlay(out: Path, source: Footage, calibration: Calibration, poses: d
             if number in poses:
                 image = draw_overlay(image, poses[number], calibration)
             if len(source.names) == 1:
-                write_beside(out / "overlay.png", cv2.imencode(".png", image[..., ::-1])[1].tobytes())
+                write_beside(out / PICTURE, cv2.imencode(".png", image[..., ::-1])[1].tobytes())
                 return
             if writer is None:
                 size = image.shape[1::-1]

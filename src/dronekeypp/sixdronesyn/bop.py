@@ -85,8 +85,8 @@ class Frame:
         """Read one frame's three entries. `where` names file and frame in an error.
 
         Raises:
-            InputError: a missing field, a wrong shape, NaN, a matrix that is no rotation, a drone behind the camera, a box without area or
-                outside the frame.
+            InputError: a missing field, a wrong shape, NaN, a matrix that is no rotation, a drone behind the camera, a box or crop without
+                area, a box whose middle lies outside the crop or the frame.
         """
         gt = f"{where[1]} frame {number}"
         K = _array(camera, "cam_K", 9, f"{where[0]} frame {number}").reshape(3, 3)
@@ -105,8 +105,10 @@ class Frame:
         square = None if info.get("crop") is None else _array(info, "crop", 3, seen)
         left, top, wide, high = (0, 0, WIDTH, HEIGHT) if square is None else square[[0, 1, 2, 2]]
         middle = box[:2] + box[2:] / 2
-        if wide <= 0 or not (left <= middle[0] <= left + wide and top <= middle[1] <= top + high):
-            raise InputError(f"{seen}: bbox_obj lies outside the {'frame' if square is None else 'stored crop'}")
+        if wide <= 0:
+            raise InputError(f"{seen}: crop has no area (side {wide:g} px)")
+        if not (left <= middle[0] <= left + wide and top <= middle[1] <= top + high):
+            raise InputError(f"{seen}: the middle of bbox_obj lies outside the {'frame' if square is None else 'stored crop'}")
         obj_id = truth.get("obj_id")
         if type(obj_id) is not int or not 1 <= obj_id <= len(DRONES):
             raise InputError(f"{gt}: obj_id {obj_id!r} is not one of 1 to {len(DRONES)}")
