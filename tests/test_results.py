@@ -95,10 +95,11 @@ def test_beyond_is_made_from_its_recorded_result():
     table3 = tables.average(read_result("table3"), "DroneKey++", None)
     assert all(paper[key] == table3[key] for key in ("R_mae_deg", "t_mae_m", "class_accuracy"))  # one run, two tables
     assert ours["R_mae_deg"] <= 6 and ours["R_medae_deg"] <= 3 and ours["flip_rate"] < 0.0105  # the goals that were met
-    assert all(ours[key] < paper[key] / 1.5 for key in ("R_mae_deg", "R_medae_deg", "t_mae_m", "t_medae_m"))
+    assert all(ours[key] < paper[key] / 1.6 for key in ("R_mae_deg", "t_mae_m"))
+    assert all(ours[key] < paper[key] / 2 for key in ("R_medae_deg", "t_medae_m"))
     assert exact["R_mae_deg"] < 1 and exact["t_mae_m"] < 0.05  # what the solver could do
     [doubt] = [doubt for doubt in recorded["doubt"] if doubt["variant"] == "geometric"]
-    assert all(abs(doubt["coverage"][name][4] - 0.5) < 0.1 and abs(doubt["coverage"][name][8] - 0.9) < 0.06 for name in beyond.HALVES)
+    assert all(abs(doubt["coverage"][name][4] - 0.5) < 0.12 and abs(doubt["coverage"][name][8] - 0.9) < 0.03 for name in beyond.HALVES)
 
 
 def test_the_shipped_geometric_network_does_what_its_row_says():

@@ -44,13 +44,13 @@ def sheet(samples: Path) -> bytes:
         images = [read_picture(root / "images" / f"{pose.frame}.jpg") for pose in poses]
     calibration = read_camera(camera)
     tiles = [tile(images[-1], poses[-1], calibration, (0, 0, HEIGHT * TILE[0] / TILE[1]))]
-    tiles += [tile(image, pose, calibration, around(pose)) for image, pose in zip(images, poses, strict=True)]
+    tiles += [tile(image, pose, calibration, near_the_drone(pose)) for image, pose in zip(images, poses, strict=True)]
     tiles = [np.pad(one, ((3, 3), (3, 3), (0, 0)), constant_values=255) for one in tiles]
     rows = [np.concatenate(tiles[i : i + COLUMNS], axis=1) for i in range(0, len(tiles), COLUMNS)]
     return cv2.imencode(".jpg", np.concatenate(rows)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 92])[1].tobytes()
 
 
-def around(pose: Pose) -> tuple[float, float, float]:
+def near_the_drone(pose: Pose) -> tuple[float, float, float]:
     """Left, top and width of a part of the frame around its drone, pixels."""
     x, y, w, h = pose.box
     wide = 1.7 * max(w, h * TILE[0] / TILE[1])
