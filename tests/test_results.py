@@ -15,7 +15,7 @@ from dronekeypp.baselines import load_network
 from dronekeypp.errors import InputError
 from dronekeypp.evaluate import evaluate, measure
 from dronekeypp.files import command_line
-from dronekeypp.reproduce import ablations, beyond, claims, domains, figure6, read_result, table3, tables
+from dronekeypp.reproduce import ablations, beyond, claims, domains, figure6, priors, read_result, table3, tables
 from dronekeypp.reproduce.picture import sheet
 from dronekeypp.reproduce.runner import describe
 from dronekeypp.sixdronesyn.dataset import SixDroneSyn
@@ -85,6 +85,14 @@ def test_the_shipped_checkpoint_does_what_its_row_says():
 def test_the_samples_flight_is_what_its_command_makes():
     flight = describe(ROOT / "data_samples" / "flight")
     assert (flight["test_frames"], flight["stride"], flight["train_frames"]) == (180, 2, 0)
+
+
+def test_priors_is_made_from_its_recorded_result():
+    recorded = read_result("priors")
+    assert (ROOT / "figures" / "priors.md").read_text() == priors.markdown(recorded)
+    assert {one["drone"] for one in recorded["taken_for"]} == set(priors.WITHOUT)  # each drone was left out once
+    own = list(recorded["hub_radius_m"])
+    assert all(one["share"][own.index(one["drone"])] < 0.01 for one in recorded["taken_for"])  # nobody told it that there is such a drone
 
 
 def test_beyond_is_made_from_its_recorded_result():

@@ -8,11 +8,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import mean
 from typing import Any
 
 from dronekeypp.errors import InputError
 from dronekeypp.files import write_beside
-from dronekeypp.reproduce import ablations
+from dronekeypp.reproduce import ablations, priors
 from dronekeypp.reproduce.picture import sheet
 from dronekeypp.reproduce.runner import PAPER, read_result
 from dronekeypp.reproduce.tables import average
@@ -209,8 +210,16 @@ CLAIMS = (
           lambda r: "doubt {real:.0f} px of 96 (rendered {drawn:.0f})".format(**{row["set"]: row["doubt_px"] for row in shipped_answers(r)}),
           lambda r: (d := {row["set"]: row["doubt_px"] for row in shipped_answers(r)})["real"] > 3 * d["drawn"]),
     Claim("Abstract", "no prior of the drone's size", "reproduce.priors.told_wrong", "test_reproduce.py::test_priors", "09_ablations", "6",
-          DIFFERS, "nobody types a size in, but one is learned for every class: a wrong class is a wrong distance"),
+          DIFFERS, "nobody types a size in, but one is learned for every class: a wrong class, or a drone it has never seen, is a wrong distance", "",
+          lambda r: "a drone in training → left out: {:.2f} → {:.2f} m".format(*strangers(r)),
+          lambda r: priors.told_slope(r["priors"])[0] > 0.5 and strangers(r)[1] > 3 * strangers(r)[0]),
 )  # fmt: skip
+
+
+def strangers(results: Results) -> tuple[float, float]:
+    """Median translation error, m, mean of the seven drones: in training, and left out of it."""
+    errors = [priors.left_out(results["priors"], drone, "t_medae_m") for drone in priors.WITHOUT]
+    return mean(one[0] for one in errors), mean(one[1] for one in errors)
 
 
 def of_figure_6(results: Results) -> list[dict[str, Any]]:
