@@ -197,6 +197,9 @@ def draw(recorded: dict[str, Any]) -> plt.Figure:
         axes[0].plot(span, span, color="0.6", linewidth=1, label="told size sets the distance")
         axes[0].plot(x, y, "o", markersize=4, label="42 pairs of drones")
         axes[0].set(xscale="log", yscale="log", xlabel="told size / true size", ylabel="predicted / true distance (median)")
+        for axis in (axes[0].xaxis, axes[0].yaxis):
+            axis.set_ticks([0.5, 1, 2], ["½", "1", "2"])
+            axis.set_ticks([], minor=True)
         axes[0].legend()
     axes[0].set_title("Told a wrong class")
     for place, drone in enumerate(order):
