@@ -11,7 +11,6 @@ import json
 import multiprocessing
 import os
 import platform
-import resource
 import sys
 import tempfile
 import time
@@ -124,6 +123,8 @@ def _peak_memory() -> float:
         status = Path("/proc/self/status").read_text()
         return next(float(line.split()[1]) for line in status.splitlines() if line.startswith("VmHWM:")) * 1.024e-3
     except (OSError, StopIteration):
+        import resource  # not on Windows, see `bench`
+
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e6 if sys.platform == "darwin" else 1e3)
 
 
@@ -243,12 +244,14 @@ def bench(
     round; None without the detector), peak_mb (of its process; on a GPU of PyTorch's memory there), params, flops, stages (ms a frame).
 
     Raises:
-        InputError: a checkpoint cannot be read, or the folder of `json_file` does not exist.
+        InputError: a checkpoint cannot be read, the folder of `json_file` does not exist, or this is Windows.
     """
     if json_file and not Path(json_file).resolve().parent.is_dir():  # before the work, not after it
         raise InputError(f"{json_file}: its folder does not exist; make it first")
     sources = named([checkpoints] if isinstance(checkpoints, (str, Path)) else checkpoints)
     threads = os.cpu_count() if threads is None else threads
+    if os.name == "nt":
+        raise InputError("bench cannot measure the memory of a process on Windows; run it in WSL")
     if rounds < 1 or threads < 1:
         raise InputError(f"rounds={rounds}, threads={threads}: at least 1 of each")
     hidden, spawn = not (progress and sys.stderr.isatty()), multiprocessing.get_context("spawn")

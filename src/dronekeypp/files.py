@@ -1,6 +1,7 @@
-"""Reading JSON, writing a file so that nobody ever meets half of it, holding a folder, and the command that a file was made with."""
+"""Reading JSON, digests, writing a file so that nobody ever meets half of it, holding a folder, and the command that a file was made with."""
 
 import contextlib
+import hashlib
 import json
 import os
 import shlex
@@ -41,6 +42,11 @@ def alone(folder: Path) -> Iterator[None]:
                     lock.unlink()
     except Timeout:
         raise InputError(f"another process is at work in {folder}: let it finish, or choose another folder") from None
+
+
+def digest(content: bytes) -> str:
+    """What tells one content from another: the first 16 hex digits of its SHA-256."""
+    return hashlib.sha256(content).hexdigest()[:16]
 
 
 def write_beside(path: Path, content: bytes) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import csv
 import ctypes
-import hashlib
 import os
 import re
 from collections.abc import Iterator
@@ -17,7 +16,7 @@ import numpy as np
 
 from .camera import check_intrinsics
 from .errors import InputError
-from .files import read_json
+from .files import digest, read_json
 
 IMAGES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 SLIVER = 1.0  # pixels: what a detector leaves of a box at the frame's edge
@@ -48,7 +47,7 @@ class Footage:
         """What tells it from other footage at the same place: names and sizes of its files."""
         files = [self.path] if self.is_video else [self.folder / name for name in self.names]
         told = "\n".join(f"{file.name} {file.stat().st_size if file.is_file() else 'missing'}" for file in files)
-        return hashlib.sha256(os.fsencode(told)).hexdigest()[:16]
+        return digest(os.fsencode(told))
 
     def read(self, start: int = 0) -> Iterator[tuple[int, np.ndarray | None]]:
         """(number, image (H, W, 3) uint8 RGB or None where the frame cannot be read), from frame `start` on."""

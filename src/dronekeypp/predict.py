@@ -11,7 +11,6 @@ With `smooth`, poses.csv, overlay and trajectory hold the smoothed poses; the jo
 from __future__ import annotations
 
 import csv
-import hashlib
 import io
 import json
 import math
@@ -32,7 +31,7 @@ from . import plots
 from .camera import clamp_square, crop_image, mirror_keypoints, project, square_around
 from .errors import InputError
 from .export import OnnxNetwork, load_checkpoint
-from .files import alone, read_json, write_beside
+from .files import alone, digest, read_json, write_beside
 from .footage import Calibration, Footage, Tracker, check_box, open_footage, read_boxes, read_camera
 from .model import DroneKeyPP
 from .sequences import gaussian
@@ -109,7 +108,8 @@ def predict(
         network.to("cuda" if torch.cuda.is_available() else "cpu")
     out = Path(out)
     settings = {
-        "checkpoint": digest(weights), "footage": [str(source.path.resolve()), len(source.names), source.digest()], "camera": digest(Path(camera)),
+        "checkpoint": digest(weights.read_bytes()), "camera": digest(Path(camera).read_bytes()),
+        "footage": [str(source.path.resolve()), len(source.names), source.digest()],
         "boxes": boxes_digest(boxes) if boxes is not None else [float(v) for v in box],
         "own_drones": {name: drone.digest for name, drone in DRONES.items() if drone.digest},
     }  # fmt: skip
@@ -154,17 +154,13 @@ def predict(
     return poses
 
 
-def digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
-
-
 def boxes_digest(path: str | Path) -> str:
     """Of a file, or of every .txt in a folder. Raises InputError if there is none."""
     path = Path(path)
     files = sorted(path.glob("*.txt")) if path.is_dir() else [path]
     if not all(file.is_file() for file in files):
         raise InputError(f"{path}: boxes not found")
-    return hashlib.sha256(b"".join(file.name.encode() + file.read_bytes() for file in files)).hexdigest()[:16]
+    return digest(b"".join(file.name.encode() + file.read_bytes() for file in files))
 
 
 def check_ours(out: Path) -> dict[str, Any]:

@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import contextlib
 import csv
-import hashlib
 import io
 import json
 import math
@@ -44,7 +43,7 @@ from dronekeypp import presets
 from dronekeypp.camera import mirror_keypoints
 from dronekeypp.errors import InputError
 from dronekeypp.evaluate import apply_model, evaluate, measure, poses, to_device
-from dronekeypp.files import alone, read_json, write_beside
+from dronekeypp.files import alone, digest, read_json, write_beside
 from dronekeypp.model import DroneKeyPP, ModelConfig, PoseNetwork, loss_weights, total_loss
 from dronekeypp.model.backbone import find_weights
 from dronekeypp.presets import TrainConfig
@@ -406,7 +405,7 @@ def weights_digest(config: ModelConfig) -> str | None:
     """What tells one file of pretrained weights from another of the same name; None for ImageNet's and for none."""
     if config.backbone_weights in (None, "imagenet"):
         return None
-    return hashlib.sha256(find_weights(config.backbone_weights).read_bytes()).hexdigest()[:16]
+    return digest(find_weights(config.backbone_weights).read_bytes())
 
 
 def prepare_folder(out: Path, settings: dict, resume: bool) -> None:

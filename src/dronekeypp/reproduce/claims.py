@@ -25,17 +25,12 @@ MARKS = {  # of what is put into README.md
     for name in ("results", "benchmark", "claims")
 }
 BENCHMARK = {  # what `reproduce NAME` asks
-    "table3": "DroneKey++ beside DroneKey, DronePose and YOLOv8n-pose + PnP",
-    "beyond": "the paper's network beside ours, and what our claimed uncertainty is worth",
-    "table4": "is the encoder needed?",
-    "table5": "the parts of the decoder",
-    "table6": "weights of the losses",
-    "heads": "heads, gates and inputs that the paper does not try",
-    "rays": "what the ray embedding is fed",
-    "priors": "told a wrong class; a drone left out of training; what the class embedding holds",
-    "domains": "drawn environments or 360° photographs of yours (`--photographs DIR`)",
-    "degraded": "crops as a small, compressed video shows them",
-    "figure6": "how far four sets of pictures are from real frames (or from yours: `--real DIR`)",
+    "table3": "Table 3: DroneKey++ beside DroneKey, DronePose and YOLOv8n-pose + PnP",
+    "beyond": "The paper's network beside ours, and what our claimed uncertainty is worth",
+    **{name: ablation.title for name, ablation in ablations.ABLATIONS.items()},
+    "priors": "Told a wrong class; a drone left out of training; what the class embedding holds",
+    "domains": "Drawn environments or 360° photographs of yours (`--photographs DIR`)",
+    "figure6": "How far four sets of pictures are from real frames (or from yours: `--real DIR`)",
 }
 
 

@@ -7,7 +7,6 @@ every test frame lie beside as test-*.npz. Whoever calls again goes on where the
 from __future__ import annotations
 
 import csv
-import hashlib
 import io
 import json
 import os
@@ -27,7 +26,7 @@ from dronekeypp import __version__
 from dronekeypp.baselines import NETWORKS, network_class
 from dronekeypp.errors import InputError
 from dronekeypp.evaluate import FORMAT, averages, evaluate, plain, summarise
-from dronekeypp.files import command_line, write_beside
+from dronekeypp.files import command_line, digest, write_beside
 from dronekeypp.model import ModelConfig
 from dronekeypp.model.base import WEIGHTS
 from dronekeypp.presets import TrainConfig
@@ -218,7 +217,7 @@ def say(line: str, progress: bool) -> None:
 
 def source_digest(weights: Path, data: Path) -> str:
     """What a measurement was made from: these weights, on these frames, by this version of `frame_errors`."""
-    return f"{hashlib.sha256(weights.read_bytes()).hexdigest()[:16]} on {read_json(data / 'manifest.json')['digest']}, measures {FORMAT}"
+    return f"{digest(weights.read_bytes())} on {read_json(data / 'manifest.json')['digest']}, measures {FORMAT}"
 
 
 def write_npz(path: Path, arrays: dict[str, Any], made_from: str | None = None) -> None:

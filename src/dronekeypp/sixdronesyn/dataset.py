@@ -1,12 +1,12 @@
 """6DroneSyn as a torch data set: one drone crop, its camera and its truth per item."""
 
-import hashlib
 from pathlib import Path
 
 import cv2
 import numpy as np
 import torch
 
+from .. import files
 from ..camera import CROP_MARGIN, clamp_square, crop_image, square_around, to_crop
 from ..errors import InputError
 from . import bop
@@ -32,7 +32,7 @@ def read_image(path, digest=None):
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if whole else None
     if image is None:
         raise InputError(f"{path}: truncated or not a JPEG; delete its flight folder and run generate again")
-    if digest and hashlib.sha256(data).hexdigest()[:16] != digest:
+    if digest and files.digest(data) != digest:
         raise InputError(f"{path}: not the image that was generated; delete its flight folder and run generate again")
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 

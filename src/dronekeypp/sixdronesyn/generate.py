@@ -5,7 +5,6 @@ A flight is rendered into ROOT/.partial and moved into its split when it is whol
 order nor the number of workers changes a pixel.
 """
 
-import hashlib
 import json
 import os
 import platform
@@ -25,6 +24,7 @@ from tqdm import tqdm
 from .. import __version__
 from ..camera import clamp_square, project, square_around
 from ..errors import InputError
+from ..files import digest
 from . import bop, scenes
 from .cache import environment_files
 from .drones import DRONES
@@ -35,11 +35,6 @@ from .render import DroneRenderer, SelfOcclusion, check_opengl, directions, draw
 STORED_MARGIN = 1.5  # a stored crop is 1.5 times the box's longer side: room to jitter a training crop of 1.15 to 1.3
 KINDS = ("crop", "full")  # of frames
 QUALITY = 85  # JPEG
-
-
-def digest(data):
-    """First 16 hex digits of SHA-256 over bytes."""
-    return hashlib.sha256(data).hexdigest()[:16]
 
 
 def annotation_digest(entry):

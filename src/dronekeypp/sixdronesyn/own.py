@@ -11,7 +11,6 @@ motor_radius (metres), body_mm (length, width, height), hull_rgb, propeller_rgb,
 
 from __future__ import annotations
 
-import hashlib
 import os
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..files import read_json
+from ..files import digest, read_json
 
 VARIABLE = "DRONEKEYPP_DRONES"
 MOST = 3  # a flight's folder number has one digit for the drone, and seven are taken
@@ -86,7 +85,7 @@ def one(path: Path) -> dict[str, Any]:
     return {
         "name": given["name"], "label": str(given["label"]), "body_mm": body, "wheelbase": float(np.linalg.norm(hubs[0] - hubs[2])),
         "propeller_diameter": diameter, "mass": mass, "motor_radius": motor, **colours, "hubs": hubs, "mesh": mesh.resolve(),
-        "mesh_scale": UNITS[given["mesh_unit"]], "digest": hashlib.sha256(path.read_bytes() + mesh.read_bytes()).hexdigest()[:16],
+        "mesh_scale": UNITS[given["mesh_unit"]], "digest": digest(path.read_bytes() + mesh.read_bytes()),
     }  # fmt: skip
 
 
