@@ -78,3 +78,8 @@ def test_crop_image_is_subpixel_exact():
 def test_crop_image_rejects_an_empty_square():
     with pytest.raises(InputError, match="side"):
         camera.crop_image(np.zeros((10, 10, 3), np.uint8), (0, 0, 0), 8)
+
+
+def test_nothing_in_nothing_out():
+    assert camera.check_intrinsics(np.zeros((0, 3, 3))).shape == (0, 3, 3)
+    assert camera.clamp_square((-10, 0, 3000), 1920, 1080).dtype == np.float64

@@ -170,3 +170,28 @@ def test_constant_baseline_needs_no_images_but_one():
             return test[i]
 
     assert torch.equal(poses(Plain())["t"], test.data["t"][:5]) and "image" not in poses(Plain())
+
+
+class Guess:
+    """Called like a network, without being one: no parameters, float64, and no more than a place and scores below 0."""
+
+    def __call__(self, image, K, square):
+        scores = torch.full((len(K), 7), -9.0, dtype=torch.float64)
+        scores[:, 2] = -0.1
+        return {"t": torch.tensor([0.0, 0.0, 4.0], dtype=torch.float64).expand(len(K), 3), "class_probs": scores}
+
+
+def test_whatever_is_called_like_a_network_can_be_measured():
+    dataset = FakeDrones(12)
+    frames = evaluate(Guess(), dataset)
+    assert np.isnan(frames["R_deg"]).all() and np.isfinite(frames["t_m"]).all() and (frames["predicted"] == 2).all()
+    without_image = frame_errors(Guess()(None, dataset.data["K"], None), dataset.data)
+    np.testing.assert_array_equal(without_image["t_m"], frames["t_m"])
+    assert np.isnan(without_image["keypoint_crop_px"]).all()
+
+
+def test_a_table_of_two_methods_names_them():
+    frames = evaluate(Guess(), FakeDrones(12))
+    one, two = (summarise(frames, NAMES, method=name) for name in ("Guess", "Another"))
+    assert "Another" in format_table(one + two) and "Guess" not in format_table(one)
+    assert len({len(line) for line in format_table(one + two).splitlines()}) == 1

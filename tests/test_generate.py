@@ -333,6 +333,7 @@ def test_augmentation_depends_on_seed_epoch_and_index_alone(small_dataset):
     assert not np.allclose(a.square(4), first)
     b.square(7)
     np.testing.assert_array_equal(b.square(4), first)
+    np.testing.assert_array_equal(b[-1]["image"], b[len(b) - 1]["image"])
 
 
 def test_augmented_crops_keep_the_drone_inside(small_dataset):

@@ -194,3 +194,13 @@ def test_a_checkpoint_comes_back(network, tmp_path):
 def test_it_needs_a_picture():
     with pytest.raises(InputError, match="pose=geometric needs an encoder"):
         ModelConfig(pose="geometric", encoder="truth")
+    net = DroneKeyPP(ModelConfig(**SMALL)).eval()
+    truth = FakeDrones(2).annotations()
+    with pytest.raises(InputError, match="needs the image"):
+        net(None, truth["K"], truth["square"], keypoints=truth["keypoints"], label=truth["label"])
+
+
+@pytest.mark.parametrize("change", [{"use_class": False}, {"use_rays": False}, {"use_3d": False}, {"rotation": "sixd"}, {"translation": "site"}])
+def test_it_has_none_of_the_papers_switches(change):
+    with pytest.raises(InputError, match="pose=geometric has no such switch"):
+        ModelConfig(**{**SMALL, **change})

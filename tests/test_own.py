@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +16,9 @@ from dronekeypp.sixdronesyn.drones import DRONES, SEVEN
 
 HUBS = [[0.09, 0.11, 0.03], [0.09, -0.11, 0.03], [-0.08, -0.1, 0.03], [-0.08, 0.1, 0.03]]
 RACER = {"name": "Racer", "mesh": "racer.stl", "mesh_unit": "mm", "hubs": HUBS, "propeller_diameter": 0.13, "mass": 0.4, "hull_rgb": [200, 30, 30]}
+
+
+ROOT = Path(__file__).parents[1]
 
 
 @pytest.fixture
@@ -29,7 +33,7 @@ def folder(tmp_path):
 def run(code, folder):
     """Python in a process that knows the drones of `folder`; its output."""
     environment = {**os.environ, "DRONEKEYPP_DRONES": str(folder)}
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -67,6 +71,21 @@ def test_it_is_rendered_and_learned(folder, environments, tmp_path):
     assert lines == ["24 ['Racer']", "12 6", "True", "there are 8 drones and 7 classes: --set classes=8", "best"]
     info = json.loads((root / "models" / "models_info.json").read_text())["8"]
     assert info["name"] == "Racer" and np.allclose(np.array(info["keypoints"]) / 1000, HUBS)
+
+
+def test_recorded_tables_stay_tables_of_seven(folder):
+    code = """
+from pathlib import Path
+from dronekeypp.reproduce import ablations, read_result, table3
+figures = Path("figures")
+for file, make in (("table3.md", table3.markdown), ("table3.csv", table3.as_csv)):
+    print((figures / file).read_text() == make(read_result("table3")))
+print((figures / "table5.md").read_text() == ablations.markdown(read_result("table5")))
+from dronekeypp.train import train
+settings = dict(layers=1, width=16, heads=1, ffn=16, image_size=64, epochs=1, frames=64, val_frames=64, backbone_weights=None)
+print(train("data_samples/crops", OUT, overrides=settings, progress=False).name)
+"""
+    assert run(code.replace("OUT", repr(str(folder / "run"))), folder).split() == ["True", "True", "True", "best"]
 
 
 def test_it_changes_no_frame_of_the_seven(folder):

@@ -78,3 +78,7 @@ def test_geodesic_is_exact_at_its_ends(degrees):
 def test_not_a_rotation(R, message):
     with pytest.raises(InputError, match=message):
         rotations.check_rotation(R)
+
+
+def test_no_rotations_are_all_rotations():
+    assert rotations.check_rotation(np.zeros((0, 3, 3))).shape == (0, 3, 3)

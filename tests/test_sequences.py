@@ -178,6 +178,24 @@ def test_bad_flights(change, match):
         gaussian(**flight)
 
 
+@pytest.mark.parametrize("sigma", [-1.0, np.nan])
+def test_bad_width(sigma):
+    with pytest.raises(InputError, match="0 or more"):
+        gaussian(np.tile(np.eye(3), (3, 1, 1)), np.zeros((3, 3)), [0.0, 0.1, 0.2], sigma=sigma)
+
+
+def test_a_flight_without_frames():
+    R, t = gaussian(np.zeros((0, 3, 3)), np.zeros((0, 3)), [])
+    assert R.shape == (0, 3, 3) and t.shape == (0, 3)
+
+
+def test_the_live_filter_keeps_none_of_the_callers_arrays():
+    live, R, t = LiveFilter(), np.eye(3), np.zeros(3)
+    live.update(0.0, R, t)
+    t[:] = 5.0  # a loop that fills one buffer again and again
+    assert np.abs(live.update(0.1, None, None)[1]).max() == 0
+
+
 def test_bad_measurements():
     live = LiveFilter()
     live.update(1.0, np.eye(3), np.zeros(3))
@@ -185,3 +203,9 @@ def test_bad_measurements():
         live.update(1.0, np.eye(3), np.zeros(3))
     with pytest.raises(InputError, match="finite R"):
         live.update(2.0, np.eye(3) * np.nan, np.zeros(3))
+    with pytest.raises(InputError, match="not orthonormal"):
+        live.update(2.0, 2 * np.eye(3), np.zeros(3))
+    with pytest.raises(InputError, match="time nan"):
+        live.update(np.nan, np.eye(3), np.zeros(3))
+    with pytest.raises(InputError, match="rotation_cov must be finite"):
+        live.update(2.0, np.eye(3), np.zeros(3), rotation_cov=np.full((3, 3), np.nan))

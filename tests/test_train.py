@@ -15,7 +15,7 @@ from safetensors import safe_open
 
 from dronekeypp import camera, presets, pretrain, train
 from dronekeypp.errors import InputError
-from dronekeypp.model import TERMS, DroneKeyPP, ModelConfig, loss_terms, total_loss
+from dronekeypp.model import TERMS, DroneKeyPP, ModelConfig, PoseNetwork, loss_terms, total_loss
 from dronekeypp.presets import TrainConfig
 
 TESTS = Path(__file__).parent
@@ -96,6 +96,36 @@ def test_schedules_and_truth_train(schedule):
     model = DroneKeyPP(ModelConfig(**tiny(encoder="truth", rays="split")))
     history = train.fit(model, FakeDrones(64), FakeDrones(8, seed=1), settings(schedule=schedule, clip=1, warmup=2, max_minutes=1e-9))
     assert len(history) == 1 and history[0]["train_L_2D"] == 0  # max_minutes stopped it after one epoch
+
+
+class OnlyPlace(PoseNetwork):
+    """The least a network of one's own needs: where the drone is, and nothing else."""
+
+    method = "Only place"
+
+    def __init__(self, config, load_backbone=True):
+        super().__init__()
+        self.config, self.linear = config, torch.nn.Linear(3, 3)
+
+    def forward(self, image, K, square):
+        return {"t": self.linear(square / 1000)} if self.config.use_3d else {}
+
+    def losses(self, output, batch, keypoint_unit):
+        return {"L_trans": (output["t"] - batch["t"]).square().mean() if output else self.linear.weight.square().sum()}
+
+
+def test_a_network_of_ones_own_may_predict_a_part(tmp_path):
+    configs = ModelConfig(**tiny()), settings()
+    best = train.train_on(FakeDrones(24), FakeDrones(9, seed=1), tmp_path / "run", *configs, network=OnlyPlace)
+    assert OnlyPlace.from_pretrained(best).config == configs[0]
+    with pytest.raises(InputError, match="is judged by its pose and predicts none"):
+        train.train_on(FakeDrones(24), FakeDrones(9), tmp_path / "none", ModelConfig(**tiny(use_3d=False)), settings(), network=OnlyPlace)
+
+
+def test_a_part_of_a_set_is_augmented_anew_every_epoch():
+    whole = FakeDrones(24)
+    train.fit(DroneKeyPP(ModelConfig(**tiny())), torch.utils.data.Subset(whole, range(8)), FakeDrones(4), settings(epochs=2))
+    assert whole.epoch == 1
 
 
 def test_resuming_gives_the_same_bits(tmp_path):

@@ -1,7 +1,8 @@
 """The pinhole camera: projection, rays (Eq. 6), and square crops that never change a ray.
 
 Pixels are (x right, y down) with pixel centres at +0.5: the top-left pixel covers [0, 1] × [0, 1]. Camera axes are OpenCV's: x right,
-y down, z forward. Functions take numpy arrays or torch tensors, batch dimensions first; they only use operators that both share.
+y down, z forward. `project`, `rays`, `to_crop` and `from_crop` take numpy arrays or torch tensors of one dtype, batch dimensions first; what is
+about one box or one picture (`square_around`, `clamp_square`, `crop_intrinsics`, `crop_image`) takes numpy, one at a time.
 
 A *square* is (x, y, side) in full-frame pixels: the top-left corner and the side of a crop. Crop units run from 0 to 1 across it.
 """
@@ -29,7 +30,7 @@ def check_intrinsics(K, name="camera matrix"):
         raise InputError(f"{name}: holds NaN or infinity")
     if (k[..., 0, 0] <= 0).any() or (k[..., 1, 1] <= 0).any():
         raise InputError(f"{name}: focal lengths must be positive pixels")
-    if np.abs(k[..., 2, :] - [0, 0, 1]).max() > 1e-9 or np.abs(k[..., 1, 0]).max() > 1e-9:
+    if (np.abs(k[..., 2, :] - [0, 0, 1]) > 1e-9).any() or (np.abs(k[..., 1, 0]) > 1e-9).any():
         raise InputError(f"{name}: the rows must be [fx s cx], [0 fy cy], [0 0 1]; is it transposed?")
     return K
 
@@ -77,7 +78,7 @@ def square_around(box, margin=1.2):
 
 def clamp_square(square, width, height):
     """Move `square` (x, y, side) inside the frame, shrinking it only where it is larger than the frame: a camera sees nothing outside."""
-    side = min(float(square[2]), width, height)
+    side = float(min(square[2], width, height))
     x = min(max(float(square[0]) + (float(square[2]) - side) / 2, 0.0), width - side)
     y = min(max(float(square[1]) + (float(square[2]) - side) / 2, 0.0), height - side)
     return np.array([x, y, side])

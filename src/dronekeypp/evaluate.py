@@ -50,15 +50,21 @@ INTERVALS = ("R_mae_deg", "R_medae_deg", "t_mae_m", "t_medae_m", "class_accuracy
 def frame_errors(output: dict, batch: dict) -> dict[str, np.ndarray]:
     """Errors of one batch, an array per measure; NaN where `output` lacks the part (a baseline without a class, say).
 
+    `output` is what a network answers, see `PoseNetwork`; class_probs all 0 say "no answer". `batch` needs R, t, square, label, scene, frame,
+    subsequence, keypoints if any are predicted, and image, of which only the width is read, for keypoint_crop_px: an item of `SixDroneSyn`, or
+    its `poses` and an image.
+
     R_deg: geodesic angle · t_m: Euclidean distance · t_axis_m (B, 3): per camera axis · class_correct, label, predicted (-1: none) ·
     keypoint_units: mean distance of the four keypoints in crop units, keypoint_px in full-frame pixels, keypoint_crop_px in pixels of the
-    resized crop · pck: share of the four within 5 % of the box's longer side · flip: the predicted nose points more than 90 degrees
-    away from the true one · distance_ratio: predicted over true distance · direction_deg: angle between the predicted and the true way to the
-    drone · heading_deg: angle between the true nose and the way to the camera (0: it looks at us, 180: away from us) ·
+    resized crop · pck: share of the four within 5 % of the box's longer side (of crops with the margin 1.2, as all are but augmented ones) ·
+    flip: the predicted nose points more than 90 degrees away from the true one · distance_ratio: predicted over true distance ·
+    direction_deg: angle between the predicted and the true way to the drone ·
+    heading_deg: angle between the true nose and the way to the camera (0: it looks at us, 180: away from us) ·
     failed: no pose was found, and R and t are the method's constant answer · gate (B, N): Eq. 3, and layer_spread,
     crop units: of a network that has them.
     """
     R, t, square = batch["R"], batch["t"], batch["square"]
+    output = {name: value.to(t.dtype) if torch.is_tensor(value) and value.is_floating_point() else value for name, value in output.items()}
     nothing = torch.full_like(t[:, 0], torch.nan)
     has = {name: output.get(name) is not None for name in ("R", "t", "keypoints", "class_probs", "failed")}
     apart = (output["keypoints"] - batch["keypoints"]).norm(dim=-1) if has["keypoints"] else nothing[:, None].expand(-1, 4)  # (B, 4)
@@ -66,7 +72,7 @@ def frame_errors(output: dict, batch: dict) -> dict[str, np.ndarray]:
     away = output["t"] - t if has["t"] else nothing[:, None].expand(-1, 3)
     predicted = torch.full_like(batch["label"], -1)
     if has["class_probs"]:  # all zeros: no answer (a detector that found nothing)
-        predicted = torch.where(output["class_probs"].sum(dim=-1) > 0, output["class_probs"].argmax(dim=-1), predicted)
+        predicted = torch.where((output["class_probs"] != 0).any(dim=-1), output["class_probs"].argmax(dim=-1), predicted)
     nose = (output["R"][:, :, 0] * R[:, :, 0]).sum(dim=-1) if has["R"] else nothing
     across = torch.linalg.cross(output["t"], t).norm(dim=-1) if has["t"] else nothing  # exact at 0 degrees, where acos is not
     errors = {
@@ -82,7 +88,7 @@ def frame_errors(output: dict, batch: dict) -> dict[str, np.ndarray]:
         "predicted": predicted,
         "keypoint_units": units,
         "keypoint_px": units * square[:, 2],
-        "keypoint_crop_px": units * batch["image"].shape[-1],
+        "keypoint_crop_px": units * batch["image"].shape[-1] if "image" in batch else nothing,
         "pck": torch.where(apart.isnan(), apart, (apart * MARGIN < PCK).to(t.dtype)).mean(dim=-1),
         "flip": torch.where(nose.isnan(), nose, (nose < 0).to(t.dtype)),
         "failed": output["failed"] if has["failed"] else torch.zeros_like(predicted, dtype=torch.bool),
@@ -107,7 +113,7 @@ def apply_model(model: nn.Module, batch: dict, told: Sequence[str] = ()) -> dict
 
 
 def evaluate(
-    model: nn.Module,
+    model: nn.Module | Callable[..., dict],
     dataset: Dataset,
     batch: int = 64,
     workers: int = 0,
@@ -117,18 +123,20 @@ def evaluate(
     """Errors of every frame of `dataset`, in its order: the arrays of `frame_errors`, joined, and the predicted R, t and keypoints.
 
     `criterion(output, batch)` may add loss terms: they come back as "losses", their means. `progress` may wrap the batches (tqdm).
-    The network is put in evaluation mode and left as it was found.
+    The network is put in evaluation mode and left as it was found. Anything that is called like one will do, an `OnnxNetwork` say.
 
     Raises:
         InputError: an empty data set, or a prediction that is not finite (it names the frame).
     """
     if len(dataset) == 0:
         raise InputError("nothing to evaluate: the data set has no frames")
-    device = next(model.parameters()).device
+    network = model if isinstance(model, nn.Module) else None
+    device = next((p.device for p in network.parameters()), torch.device("cpu")) if network else torch.device("cpu")
     loader = DataLoader(dataset, batch_size=batch, num_workers=workers, generator=torch.Generator())
     told = getattr(model, "told", ())
-    parts, losses, present, was_training = [], {}, [], model.training
-    model.eval()
+    parts, losses, present, was_training = [], {}, [], bool(network and network.training)
+    if network:
+        network.eval()
     try:
         with torch.inference_mode():
             for items in progress(loader) if progress else loader:
@@ -139,7 +147,8 @@ def evaluate(
                 for name, value in (criterion(output, items) if criterion else {}).items():
                     losses[name] = losses.get(name, 0.0) + value.item() * len(items["t"])
     finally:
-        model.train(was_training)
+        if network:
+            network.train(was_training)
     frames = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     bad = ~np.isfinite([frames[error] for error in present]).all(axis=0)
     if bad.any():
@@ -238,13 +247,15 @@ def plain(value: Any) -> Any:
 
 
 def format_table(rows: Sequence[dict]) -> str:
-    """Rows of `summarise` or `averages` as plain text, one line each."""
+    """Rows of `summarise` or `averages` as plain text, one line each; in front, where they differ, their method and variant."""
+    names = [" ".join(str(row[key]) for key in ("method", "variant") if row.get(key)) for row in rows]
+    width = max(map(len, names)) + 2 if len(set(names)) > 1 else 0
     head = ("scene", "drone", "frames", "R MAE°", "R Med°", "t MAE m", "t Med m", "t axis m", "class %", "kp px", "kp Med", "flip %")
-    lines = ["  ".join(f"{title:>8}" for title in head)]
-    for row in rows:
+    lines = [" " * width + "  ".join(f"{title:>8}" for title in head)]
+    for name, row in zip(names, rows, strict=True):
         where = (row["scene"], row["drone"]) if "scene" in row else ("mean of", row["over"])
         lines.append(
-            f"{where[0]!s:>8}  {where[1]!s:>8}  {row['frames']:8d}  {row['R_mae_deg']:8.2f}  {row['R_medae_deg']:8.2f}  "
+            f"{name[:width]:{width}s}{where[0]!s:>8}  {where[1]!s:>8}  {row['frames']:8d}  {row['R_mae_deg']:8.2f}  {row['R_medae_deg']:8.2f}  "
             f"{row['t_mae_m']:8.3f}  {row['t_medae_m']:8.3f}  {row['t_axis_mae_m']:8.3f}  {100 * row['class_accuracy']:8.1f}  "
             f"{row['keypoint_px']:8.2f}  {row['keypoint_medae_px']:8.2f}  {100 * row['flip_rate']:8.1f}"
         )

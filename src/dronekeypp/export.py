@@ -143,8 +143,9 @@ class OnnxNetwork:
             raise InputError(f"{path}: its settings are not those of its graph; export it again")
 
     def __call__(self, image: Tensor, K: Tensor, square: Tensor) -> dict[str, Tensor]:
-        """As `DroneKeyPP.forward`: image (B, 3, S, S) in [0, 1], K (B, 3, 3), square (B, 3)."""
-        given = {name: np.ascontiguousarray(value.numpy()) for name, value in zip(INPUTS, (image, K, square), strict=True)}
+        """As `DroneKeyPP.forward`: image (B, 3, S, S) in [0, 1], K (B, 3, 3), square (B, 3); arrays will do."""
+        inputs = zip(INPUTS, (image, K, square), strict=True)
+        given = {name: np.ascontiguousarray(torch.as_tensor(value).detach().cpu(), dtype=np.float32) for name, value in inputs}
         names = outputs(self.config)
         return {name: torch.from_numpy(value) for name, value in zip(names, self.session.run(list(names), given), strict=True)}
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from .camera import check_intrinsics, project
+from .camera import check_intrinsics, project, rays
 from .errors import InputError
 
 
@@ -43,7 +43,9 @@ def solve_pnp(hubs, pixels, K):
         K: (3, 3) camera matrix.
 
     Returns:
-        list of `Solution`, distinct poses only: normally two, one where the two coincide, none when the picture fits no pose in front.
+        list of `Solution`, distinct poses only: normally two, one where the two coincide, none where OpenCV's closed form (IPPE) finds none in
+        front of the camera: with noise that happens in a few of a thousand frames. The poses are IPPE's as they are; whoever wants the last
+        pixel refines them (`cv2.solvePnPRefineLM`).
 
     Raises:
         InputError: wrong shapes, NaN, points on a line or off the plane, a bad camera matrix.
@@ -54,13 +56,16 @@ def solve_pnp(hubs, pixels, K):
         raise InputError(f"PnP: expected points (P, 3) and pixels (P, 2) with P ≥ 4, got {hubs.shape} and {pixels.shape}")
     if not (np.isfinite(hubs).all() and np.isfinite(pixels).all()):
         raise InputError("PnP: points or pixels hold NaN or infinity")
+    if K.shape != (3, 3):
+        raise InputError(f"PnP: one camera matrix (3, 3) at a time, got {K.shape}")
+    seen = np.ascontiguousarray(rays(pixels, K)[:, :2])  # OpenCV knows no skew, and wants its memory in one piece
     axes, origin = _plane_frame(hubs)
     found = []
     for turn in (np.eye(3), np.diag([1.0, -1.0, -1.0])):  # the plane seen from its other side: IPPE sometimes finds only one of the two
         flat = (hubs - origin) @ axes.T @ turn.T
         flat[:, 2] = 0
         try:
-            _, rotations, translations, _ = cv2.solvePnPGeneric(flat, pixels, K, None, flags=cv2.SOLVEPNP_IPPE)
+            _, rotations, translations, _ = cv2.solvePnPGeneric(flat, seen, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
         except cv2.error:
             continue
         for rvec, tvec in zip(rotations or (), translations or (), strict=True):
@@ -68,10 +73,10 @@ def solve_pnp(hubs, pixels, K):
                 continue
             R = cv2.Rodrigues(rvec)[0] @ turn @ axes
             t = tvec.ravel() - R @ origin
-            seen = hubs @ R.T + t
-            if (seen[:, 2] <= 0).any():
+            placed = hubs @ R.T + t
+            if (placed[:, 2] <= 0).any():
                 continue
-            error = float(np.sqrt(((project(seen, K) - pixels) ** 2).sum(-1).mean()))
+            error = float(np.sqrt(((project(placed, K) - pixels) ** 2).sum(-1).mean()))
             found.append(Solution(R, t, error))
     found.sort(key=lambda s: s.error_px)
     distinct = []

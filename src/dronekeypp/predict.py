@@ -2,7 +2,8 @@
 
 OUT holds
     frames.csv      the journal, a row a frame, written as it goes; a killed run goes on after its last row
-    poses.csv       the poses in BOP's results format (scene_id, im_id, obj_id, score, R, t, time; millimetres there and only there)
+    poses.csv       the poses in BOP's results format (scene_id, im_id, obj_id, score, R, t, time; millimetres there and only there); im_id counts
+                    the frames of the footage from 0, whatever their files are called
     overlay.mp4     box, propellers, body axes, the drone's name and its distance, drawn on the footage (of one image: overlay.png)
     trajectory.png  the path in space
 With `smooth`, poses.csv, overlay and trajectory hold the smoothed poses; the journal always holds the single frames'.

@@ -20,7 +20,7 @@ def _level(like):
 
 
 def matrix_to_angles(R):
-    """Rotations (…, 3, 3), camera←body, to (yaw, pitch, roll) / 360° in [0, 1): (…, 3)."""
+    """Rotations (…, 3, 3), camera←body, to (yaw, pitch, roll) / 360° in [0, 1): (…, 3). Exactly at pitch ±90° the answer need not give R back."""
     M = _level(R) @ R
     yaw = torch.atan2(M[..., 1, 0], M[..., 0, 0])
     pitch = torch.asin((-M[..., 2, 0]).clamp(-1, 1))
@@ -85,9 +85,9 @@ def check_rotation(R, name="rotation", tolerance=1e-4):
         raise InputError(f"{name}: expected a 3×3 matrix, got shape {tuple(M.shape)}")
     if not torch.isfinite(M).all():
         raise InputError(f"{name}: holds NaN or infinity")
-    off = (M.transpose(-1, -2) @ M - torch.eye(3, dtype=M.dtype)).abs().max()
-    if off > tolerance:
-        raise InputError(f"{name}: not orthonormal (RᵀR differs from the identity by {off:.2g})")
+    off = (M.transpose(-1, -2) @ M - torch.eye(3, dtype=M.dtype)).abs()
+    if (off > tolerance).any():
+        raise InputError(f"{name}: not orthonormal (RᵀR differs from the identity by {off.max():.2g})")
     if (torch.linalg.det(M) < 0).any():
         raise InputError(f"{name}: determinant −1, a reflection; swap two keypoints or flip one axis")
     return R

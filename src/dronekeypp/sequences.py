@@ -62,9 +62,11 @@ def gaussian(R, t, time, sigma=0.1, weights=None, longest_gap=0.5):
         (R, t), smoothed. It looks into the future: for live use see `LiveFilter`.
 
     Raises:
-        InputError: see `check_flight`; or a flight whose weights are all 0.
+        InputError: see `check_flight`; a sigma below 0; or a flight whose weights are all 0.
     """
     R, t, time, weights = check_flight(R, t, time, weights)
+    if not sigma >= 0:
+        raise InputError(f"sigma={sigma}: seconds, 0 or more")
     smooth_R, smooth_t, turns = R.copy(), t.copy(), Rotation.from_matrix(R)
     for part in flights(time, longest_gap) if sigma > 0 else []:
         low = np.maximum(np.searchsorted(time, time[part] - FAR * sigma), part.start)
@@ -128,8 +130,10 @@ class LiveFilter:
             (R, t), or None before the first measurement and once the drone has been lost for longer than `longest_gap`.
 
         Raises:
-            InputError: a time that does not rise, or a measurement that is not finite.
+            InputError: a time that does not rise, a measurement that is not finite, or an R that is no rotation.
         """
+        if not np.isfinite(time):
+            raise InputError(f"time {time}: seconds, finite")
         if self.time is not None and time <= self.time:
             raise InputError(f"time {time:g} s does not come after {self.time:g} s")
         if R is None:
@@ -137,11 +141,15 @@ class LiveFilter:
                 return None
             self._predict(time)
             return self.R, self.t
-        R, t = np.asarray(R, dtype=np.float64), np.asarray(t, dtype=np.float64)
+        R, t = np.array(R, dtype=np.float64), np.array(t, dtype=np.float64)  # copies: the caller may use his arrays again
         if R.shape != (3, 3) or t.shape != (3,) or not (np.isfinite(R).all() and np.isfinite(t).all()):
             raise InputError(f"a measured pose needs a finite R (3, 3) and t (3,), got {R.shape} and {t.shape}")
+        check_rotation(R, "a measured pose's R")
         position_cov = np.eye(3) * self.position_noise**2 if position_cov is None else np.asarray(position_cov, dtype=np.float64)
         rotation_cov = np.eye(3) * self.rotation_noise**2 if rotation_cov is None else np.asarray(rotation_cov, dtype=np.float64)
+        for name, cov in (("position_cov", position_cov), ("rotation_cov", rotation_cov)):
+            if cov.shape != (3, 3) or not np.isfinite(cov).all():
+                raise InputError(f"{name} must be finite and (3, 3), got {cov.shape}")
         if self.time is None or time - self.seen > self.longest_gap or self.passed_over >= self.patience:
             self._start(R, t, time, position_cov, rotation_cov)
         else:
@@ -185,7 +193,7 @@ def _kalman(P, away, noise):
 
 
 def filtered(R, t, time, live=None, covariance=None):
-    """`LiveFilter` over a whole recorded flight (F frames): (R, t). Every gap starts it again.
+    """`LiveFilter` over a whole recorded flight (F frames): (R, t). Every gap starts it again. `live`: one that has seen nothing yet.
 
     covariance: (F, 6, 6) of (turn in radians, shift in metres), camera axes, as a geometric network claims them; None: the filter's own noise.
     """

@@ -247,8 +247,9 @@ def fit(
     for epoch in range(state.epoch, config.epochs):
         tic = time.monotonic()
         torch.manual_seed(int(np.random.SeedSequence([config.seed, epoch, rank]).generate_state(1)[0]))  # dropout
-        if hasattr(train_set, "set_epoch"):
-            train_set.set_epoch(epoch)  # augmentation
+        whole = train_set.dataset if isinstance(train_set, Subset) else train_set
+        if hasattr(whole, "set_epoch"):
+            whole.set_epoch(epoch)  # augmentation
         order = epoch_order(len(train_set), config, epoch, rank, world)
         loader = DataLoader(train_set, batch, sampler=order, num_workers=config.workers, generator=torch.Generator())
         sums, flips = {}, coin(config, epoch, rank)
@@ -306,10 +307,12 @@ def validate(model: PoseNetwork, val_set: Dataset, config: TrainConfig) -> dict[
     row = {f"val_{name}": value for name, value in frames["losses"].items()}
     row["val_total"] = sum(row.values())
     row.update({f"val_{name}": value for name, value in measure(frames).items()})
-    if model.judged_by == "keypoints":
-        row["score"] = float(frames["keypoint_units"].mean())
-    else:
-        row["score"] = row["val_R_medae_deg"] / 90 + row["val_t_medae_m"] / float(np.median(frames["distance_m"]))
+    pose = (row["val_R_medae_deg"] / 90, row["val_t_medae_m"] / float(np.median(frames["distance_m"])))
+    parts = (float(frames["keypoint_units"].mean()),) if model.judged_by == "keypoints" else pose
+    known = [part for part in parts if not math.isnan(part)]
+    if not known:
+        raise InputError(f"{model.method} is judged by its {model.judged_by} and predicts none: no epoch can be the best (PoseNetwork.judged_by)")
+    row["score"] = sum(known)
     return row
 
 
@@ -342,15 +345,15 @@ def train(
     """
     from dronekeypp.baselines import network_class
     from dronekeypp.sixdronesyn.dataset import SixDroneSyn  # here, so that a network trains on other data without it
-    from dronekeypp.sixdronesyn.drones import DRONES
 
     network = network_class(method)
     model_config, config = presets.preset(preset, {**network.defaults, **(overrides or {})})
     size = model_config.image_size
-    if len(DRONES) > model_config.classes:
-        raise InputError(f"there are {len(DRONES)} drones and {model_config.classes} classes: --set classes={len(DRONES)}")
     train_set = SixDroneSyn(dataset_root, "train", size=size, augment=config.augment, degrade=config.degrade, seed=config.seed)
     val_set = SixDroneSyn(dataset_root, "val", size=size)
+    drones = max(frame.obj_id for frame in train_set.frames + val_set.frames)
+    if drones > model_config.classes:
+        raise InputError(f"there are {drones} drones and {model_config.classes} classes: --set classes={drones}")
     return train_on(train_set, val_set, out, model_config, config, resume, progress, network=network)
 
 

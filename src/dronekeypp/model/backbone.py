@@ -98,11 +98,12 @@ class Backbone(nn.Module):
         """The maps at stride 4 and 8, and the last one: image (B, 3, S, S) -> three tensors with `pyramid_channels` channels."""
         x = ((image - self.mean) / self.std).contiguous(memory_format=torch.channels_last)
         maps = []
-        with torch.autocast(x.device.type, torch.bfloat16, enabled=self.bfloat16 and self.training):
+        halved = self.bfloat16 and self.training
+        with torch.autocast(x.device.type, torch.bfloat16, enabled=halved):
             for i, stage in enumerate(self.net):
                 x = stage(x)
                 if i in self.levels:
-                    maps.append(x.float())
+                    maps.append(x.float() if halved else x)
         return maps
 
 

@@ -24,6 +24,9 @@ class PoseNetwork(nn.Module):
 
     `forward(image, K, square, **told)` returns a dict with some of keypoints (B, 4, 2) crop units, class_probs (B, classes),
     R (B, 3, 3), t (B, 3) and failed (B,) bool; a measure whose part is missing comes out as NaN.
+
+    A network of your own takes `(config, load_backbone)`, keeps `self.config`, and has `method`, `forward` and `losses`. Put into
+    `baselines.NETWORKS` under its method's name, `evaluate` and `reproduce` find it.
     """
 
     method: ClassVar[str]  # its name in tables and checkpoints
@@ -31,7 +34,10 @@ class PoseNetwork(nn.Module):
     judged_by: ClassVar[str] = "pose"  # what chooses the best checkpoint: "pose" | "keypoints"
     defaults: ClassVar[dict[str, Any]] = {}  # settings in which it differs from a preset, unless told otherwise
     config: ModelConfig
-    backbone: nn.Module | None
+
+    def __init__(self):
+        super().__init__()
+        self.backbone: nn.Module | None = None  # it may learn at a rate of its own (`TrainConfig.backbone_lr`)
 
     def losses(self, output: dict, batch: dict, keypoint_unit: float) -> dict[str, Tensor]:
         """The terms of its loss as scalars, unweighted; their names are of `losses.TERMS`."""

@@ -161,8 +161,12 @@ class ModelConfig(Settings):
             raise InputError(f"backbone_stride={self.backbone_stride} is not one of: 8, 16")
         if self.image_size % self.stride:
             raise InputError(f"image_size={self.image_size} must be a multiple of {self.stride} ({self.backbone})")
-        if self.pose == "geometric" and self.encoder == "truth":
-            raise InputError("pose=geometric needs an encoder: it looks at the picture")
+        if self.pose == "geometric":
+            if self.encoder == "truth":
+                raise InputError("pose=geometric needs an encoder: it looks at the picture")
+            for name in ("use_rays", "use_3d", "use_class", "rotation", "translation", "angle_zero"):
+                if getattr(self, name) != getattr(type(self), name):
+                    raise InputError(f"{name}={getattr(self, name)} belongs to the paper's decoder; pose=geometric has no such switch")
         if self.backbone == "compact" and self.backbone_weights == "imagenet":
             raise InputError("backbone_weights=imagenet needs a torchvision backbone: set backbone=resnet18, 34 or 50")
 

@@ -37,14 +37,14 @@ def loss_terms(output: dict, batch: dict, keypoint_unit: float = 1.0) -> dict[st
 
     L_2D: MSE over 4x2 numbers · L_cls: cross-entropy · L_3D: MSE over 4x3 numbers, m² · L_trans: MSE over 3 numbers, m².
     L_rot: Eq. 10 in turns² for the Euler head; for the 6D head MSE over the 9 numbers of R, 8 sin²(angle/2) / 9, which
-    is about 26 times Eq. 10 for a small turn about one axis. A head that the configuration left out has the loss 0.
+    is about 26 times Eq. 10 for a small turn about one axis. Without angles it is R that counts, and without keypoints_3d L_3D is 0.
     """
     zero = output["t"].new_zeros(())
-    if output["angles"] is not None:
+    if output.get("angles") is not None:
         rotation = circular_loss(output["angles"], rotations.matrix_to_angles(batch["R"]))
     else:
         rotation = mse_loss(output["R"], batch["R"])
-    points = output["keypoints_3d"]
+    points = output.get("keypoints_3d")
     return {
         "L_2D": mse_loss(output["keypoints"], batch["keypoints"]) * keypoint_unit**2,
         "L_cls": cross_entropy(output["class_logits"], batch["label"]),

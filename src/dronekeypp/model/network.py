@@ -82,13 +82,13 @@ class DroneKeyPP(PoseNetwork):
 
         Returns:
             A dict: keypoints (B, 4, 2) crop units · keypoints_px (B, 4, 2) full-frame pixels · gate (B, N) ·
-            ir (B, N, d) · cr (B, N, 4, 2) · attention, N tensors (B, heads, 1+M, 1+M) · class_logits, class_probs (B, 7) ·
+            ir (B, N, d) · cr (B, N, 4, 2) · attention, N tensors (B, heads, 1+M, 1+M) · class_logits, class_probs (B, classes) ·
             rays (B, 4, 3) · e_ray, e_cls (B, 64) · keypoints_3d (B, 4, 3) metres, camera axes, about the centre ·
             angles (B, 3) turns · R (B, 3, 3) camera<-body · t (B, 3) metres. What the configuration leaves out is None.
             With pose="geometric" also what `SharpHead` and `GeometricDecoder` return: keypoint_sigma, covariance and more.
 
         Raises:
-            InputError: shapes that do not fit, or encoder="truth" without the truth.
+            InputError: shapes that do not fit, encoder="truth" without the truth, or pose="geometric" without an image.
         """
         self._check(image, K, square, keypoints, label)
         if self.encoder is not None and (image is not None or keypoints is None or label is None):
@@ -116,6 +116,8 @@ class DroneKeyPP(PoseNetwork):
             raise InputError('this network has encoder="truth": give it the true keypoints and label')
         if image is None and (keypoints is None or label is None):
             raise InputError("without an image the network needs both keypoints and label")
+        if image is None and self.head is not None:
+            raise InputError('a network with pose="geometric" needs the image: how sure it is of each keypoint comes from it')
 
     def fit_rays(self, batches: Iterable[dict[str, Tensor]]) -> None:
         """Set the decoder's ray statistics from training batches (keypoints, square, K). See `RayFeatures`."""

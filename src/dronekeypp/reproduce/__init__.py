@@ -23,10 +23,9 @@ def _domains(bench: Bench, seeds: int | None) -> dict[str, Any]:
     return domains.reproduce(bench, bench.photographs, seeds or 1)
 
 
-# name -> what makes it from a Bench and the number of seeds (None: its own)
-NAMES: dict[str, Callable[[Bench, int | None], dict[str, Any]]] = {
+# name -> what makes it from a Bench and the number of seeds (None: its own); the ablations, yours too, are looked up when asked for
+TABLES: dict[str, Callable[[Bench, int | None], dict[str, Any]]] = {
     "table3": lambda bench, seeds: table3.reproduce(bench, seeds or 1),
-    **{name: ablations.maker(name) for name in ablations.ABLATIONS},
     "priors": lambda bench, seeds: priors.reproduce(bench, seeds or 1),
     "domains": _domains,
     "beyond": lambda bench, seeds: beyond.reproduce(bench, seeds or 1),
@@ -34,6 +33,11 @@ NAMES: dict[str, Callable[[Bench, int | None], dict[str, Any]]] = {
     "claims": lambda bench, _: claims.reproduce(bench.root),
 }
 FULL = ("table3", "domains", "beyond")  # at the full budget, and sharing their runs; the others are ablations, and share theirs
+
+
+def names() -> list[str]:
+    """What can be reproduced."""
+    return [*TABLES, *ablations.ABLATIONS]
 
 
 def reproduce(
@@ -53,7 +57,7 @@ def reproduce(
     """Measure one table; everything that is already there is kept. Returns the recorded result (also data_samples/results/NAME.json).
 
     Args:
-        name: one of `NAMES`. seeds: trainings a row, seed 0, 1, … (default: 3 for Tables 4 to 6, else 1)
+        name: one of `names()`. seeds: trainings a row, seed 0, 1, … (default: 1, or what the ablation's entry says)
         overrides: settings for every run, on top of the preset's budget (`BUDGETS`, `ABLATION_BUDGETS`).
         data: the data set (default ROOT/data/6dronesyn); flights that are missing are rendered, every `stride`-th frame, before `environments`
             (default: the drawn ones), with `workers` processes.
@@ -63,8 +67,8 @@ def reproduce(
     Raises:
         InputError: an unknown name or preset, settings that differ from those an unfinished run was started with, or no OpenGL.
     """
-    if name not in NAMES:
-        raise InputError(f"reproduce {name}: choose {', '.join(NAMES)}")
+    if name not in names():
+        raise InputError(f"reproduce {name}: choose {', '.join(names())}")
     if preset not in BUDGETS:
         raise InputError(f"unknown preset {preset!r}; known: {', '.join(BUDGETS)}")
     if seeds is not None and seeds < 1:
@@ -81,7 +85,7 @@ def reproduce(
         environments=Path(environments) if environments else None, workers=workers, progress=progress,
         photographs=Path(photographs) if photographs else None, real=Path(real) if real else None,
     )  # fmt: skip
-    return NAMES[name](bench, seeds)
+    return TABLES[name](bench, seeds) if name in TABLES else ablations.reproduce(name, bench, seeds)
 
 
-__all__ = ["ABLATION_BUDGETS", "BUDGETS", "NAMES", "Bench", "read_result", "reproduce"]
+__all__ = ["ABLATION_BUDGETS", "BUDGETS", "Bench", "names", "read_result", "reproduce"]

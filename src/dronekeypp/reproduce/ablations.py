@@ -1,14 +1,14 @@
 """Tables 4, 5 and 6, and the heads the paper does not try. Every row is a few settings of the one network, trained at one budget.
 
-To add an ablation, add one entry to ABLATIONS: `python -m dronekeypp reproduce NAME` trains it, measures it, and writes its table,
-its figure and data_samples/results/NAME.json. Rows with the same settings are one training, whatever table they stand in.
+To add an ablation, add one entry to ABLATIONS, here or from a script of yours: `python -m dronekeypp reproduce NAME`, or
+`reproduce.reproduce(NAME)`, trains it, measures it, and writes its table, its figure and data_samples/results/NAME.json.
+Rows with the same settings are one training, whatever table they stand in.
 """
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -41,10 +41,14 @@ METHOD = DroneKeyPP.method
 
 @dataclass(frozen=True)
 class Row:
-    """A line of an ablation: its name (the paper's, where the paper has it) and the settings it differs in from the preset."""
+    """A line of an ablation: its name (the paper's, where the paper has it), the settings it differs in from the preset, and its seeds.
+
+    Seeds cost a training each. A row that its first one could not tell from the reference may stop there; None: as many as its table.
+    """
 
     name: str
     changes: dict[str, Any] = field(default_factory=dict)
+    seeds: int | None = None
 
 
 @dataclass(frozen=True)
@@ -97,12 +101,12 @@ ABLATIONS: dict[str, Ablation] = {
             Row("rotation: allocentric 6D", {"rotation": "allocentric"}),
             Row("translation: SITE", {"translation": "site"}),
             Row("6D and SITE", {"rotation": "sixd", "translation": "site"}),
-            Row("keypoints: mean pool", {"pool": "mean"}),
-            Row("keypoints: every layer the same input", {"layer_input": "same"}),
+            Row("keypoints: mean pool", {"pool": "mean"}, seeds=1),
+            Row("keypoints: every layer the same input", {"layer_input": "same"}, seeds=1),
             Row("keypoints: heatmap", {"keypoint_head": "heatmap"}),
             Row("gate: last layer only", {"gate": "last"}),
             Row("gate: uniform", {"gate": "uniform"}),
-            Row("class: from the features, which it may not change", {"classifier": "features"}),
+            Row("class: from the features, which it may not change", {"classifier": "features"}, seeds=1),
         ),
         reference="the paper's heads",
         seeds=1,
@@ -129,6 +133,7 @@ ABLATIONS: dict[str, Ablation] = {
 
 def run_of(row: Row, preset: str) -> Run:
     """The training behind a row. What the row sets as the preset has it already is left out, so that equal settings are one run."""
+    find_preset(preset, row.changes)  # whatever the row sets must exist
     model, training = find_preset(preset)
     usual = {**training.to_dict(), **model.to_dict()}
     changes = {key: value for key, value in row.changes.items() if value != usual[key]}
@@ -138,6 +143,8 @@ def run_of(row: Row, preset: str) -> Run:
 def reproduce(name: str, bench: Bench, seeds: int | None = None) -> dict[str, Any]:
     """Train and measure whatever is missing of an ablation; write its table after every run that ends. Returns the recorded result.
 
+    `seeds` gives every row that many, whatever the ablation says.
+
     Raises:
         InputError: the budget sets something in which the rows differ; then they would not be what they are called.
     """
@@ -146,7 +153,8 @@ def reproduce(name: str, bench: Bench, seeds: int | None = None) -> dict[str, An
     if clash:
         raise InputError(f"--set {clash[0]}: the rows of {name} differ in it; leave it out, or write an ablation of your own")
     bench.render()
-    jobs = [(bench, row, seed) for seed in range(seeds or ablation.seeds) for row in ablation.rows]
+    wanted = {row.name: seeds or row.seeds or ablation.seeds for row in ablation.rows}
+    jobs = [(bench, row, seed) for seed in range(max(wanted.values())) for row in ablation.rows if seed < wanted[row.name]]
     known = lambda bench, row, seed: bench.finished(run_of(row, bench.preset), seed)  # noqa: E731
     return complete(jobs, known, measured, lambda parts: record(name, bench, parts))
 
@@ -159,7 +167,8 @@ def measured(bench: Bench, row: Row, seed: int) -> dict[str, Any]:
     story = {**bench.story(run, seed), "variant": row.name}
     if "gate" in frames:
         story["gate"] = [round(float(weight), 4) for weight in frames["gate"].mean(axis=0)]
-    if bench.settings(run, seed)[0].encoder == "learned":
+    model, _ = bench.settings(run, seed)
+    if model.encoder == "learned" and model.pose == "mlp":  # without a picture a geometric network does not know how sure its keypoints are
         story["keypoints"] = {"its own": medians(frames), "true": medians(with_true_keypoints(bench, run, seed, frames))}
     return {"story": story, "rows": rows, "averages": means}
 
@@ -249,7 +258,7 @@ def markdown(recorded: dict[str, Any]) -> str:
         "",
         f"{heading(recorded)} {len(minutes)} trainings of {min(minutes):g} to {max(minutes):g} minutes.",
         "",
-        "Mean of the 14 columns of Table 3" + (" ± standard deviation over the seeds" if len({s["seed"] for s in recorded["runs"]}) > 1 else "")
+        "Mean of the 14 columns of Table 3" + (" ± standard deviation over the seeds" if any(story["seed"] for story in recorded["runs"]) else "")
         + (". The paper's value, on its own data, in brackets." if with_paper else "."),
         "",
         "| | " + " | ".join(title for title, *_ in printed) + " | direction (deg) | class | keypoints (px) |",
@@ -312,8 +321,3 @@ def draw(recorded: dict[str, Any]) -> plt.Figure:
     """One panel a metric, one line a row."""
     names = methods(recorded)
     return panels(recorded, names, [variant for _, variant in names], lambda name, key: paper_value(recorded["name"], name[1], key))
-
-
-def maker(name: str) -> Callable[[Bench, int | None], dict[str, Any]]:
-    """What `reproduce NAME` calls."""
-    return lambda bench, seeds: reproduce(name, bench, seeds)

@@ -16,7 +16,7 @@ from dronekeypp.files import write_beside
 from dronekeypp.reproduce import ablations, priors
 from dronekeypp.reproduce.picture import sheet
 from dronekeypp.reproduce.runner import PAPER, read_result
-from dronekeypp.reproduce.tables import average
+from dronekeypp.reproduce.tables import average, count_seeds
 from dronekeypp.sixdronesyn import scenes
 
 REPRODUCED, DIFFERS, NOT_ATTEMPTED = "reproduced", "differs", "not attempted"
@@ -127,9 +127,9 @@ CLAIMS = (
           REPRODUCED, "the unit of the keypoints is not named; it is a setting"),
     Claim("Eq. 10", "a circular loss for angles", "model.losses.circular_loss", "test_losses.py::test_circular_loss_takes_the_short_way_round",
           "07_training", "1", REPRODUCED),
-    Claim("Eq. 13–14", "geodesic rotation error, Euclidean translation error", "rotations.geodesic_degrees",
+    Claim("Eq. 13–14", "mean and median of the geodesic rotation error", "rotations.geodesic_degrees",
           "test_rotations.py::test_geodesic_agrees_with_scipy", "02_pnp_scale_ambiguity", "5", REPRODUCED,
-          "in degrees, as the tables; the paper's translation MAE fits a per-axis mean"),
+          "in degrees, as the tables; the translation errors have no equation, and the paper's MAE fits a per-axis mean"),
     Claim("Table 1", "6DroneSyn: size, resolution, drones, backgrounds", "sixdronesyn.generate.generate",
           "test_scenes.py::test_all_88_backgrounds_are_used_and_no_environment_crosses_a_split", "01_dataset", "1", REPRODUCED,
           "its own row; the survey of other data sets is the paper's", "52,920 frames, 1920×1080, 7 drones, 22 × 4 backgrounds",
@@ -153,9 +153,11 @@ CLAIMS = (
           lambda r: f"{pose(r.row('table3', 'DronePose'))}; told the crop {pose(r.row('table3', 'DronePose', 'told the crop'))}",
           lambda r: all(r.row("table3")[k] < r.row("table3", "DronePose")[k] for k in ("R_mae_deg", "R_medae_deg", "t_axis_mae_m", "t_medae_m"))),
     Claim("Table 3", "more accurate than YOLOv8n-pose + PnP", "baselines.yolo.train", "test_baselines.py", "08_evaluation_baselines", "5",
-          REPRODUCED, "trained from scratch, at this budget", printed("table3", "YOLOv8n-pose + PnP"),
+          DIFFERS, "in rotation and in the mean translation yes; the paper's YOLO is ahead in the median translation, ours, trained from scratch at "
+          "this budget, is behind in all", printed("table3", "YOLOv8n-pose + PnP"),
           lambda r: pose(r.row("table3", "YOLOv8n-pose + PnP")),
-          lambda r: all(r.row("table3")[k] < r.row("table3", "YOLOv8n-pose + PnP")[k] for k in ("R_mae_deg", "R_medae_deg", "t_axis_mae_m"))),
+          lambda r: all(r.row("table3")[k] < r.row("table3", "YOLOv8n-pose + PnP")[k]
+                        for k in ("R_mae_deg", "R_medae_deg", "t_axis_mae_m", "t_medae_m"))),
     Claim("Table 4", "without the encoder, on annotations, it is far worse", "reproduce.ablations.reproduce",
           "test_results.py::test_an_ablations_table_is_made_from_its_recorded_result", "09_ablations", "7", DIFFERS,
           "true keypoints are better ones; the paper does not say how it trained that row", printed("table4", NO_ENCODER),
@@ -168,10 +170,12 @@ CLAIMS = (
           lambda r: "better" in r.step("table5", ROWS5[0], ROWS5[1], "t_medae_m").verdict
           and "better" in r.step("table5", ROWS5[0], ROWS5[1], "R_mae_deg").verdict),
     Claim("Table 5", "the class makes the full decoder the best", "model.decoder.PoseDecoder",
-          "test_results.py::test_an_ablations_table_is_made_from_its_recorded_result", "09_ablations", "4", REPRODUCED,
-          "in translation; without the class the keypoints smuggle the size", f"{printed('table5', ROWS5[2])} → {printed('table5', FULL)}",
+          "test_results.py::test_an_ablations_table_is_made_from_its_recorded_result", "09_ablations", "4", DIFFERS,
+          "in translation yes, rotation not told apart; without the class the keypoints smuggle the size",
+          f"{printed('table5', ROWS5[2])} → {printed('table5', FULL)}",
           lambda r: f"{pose(r.row('table5', variant=ROWS5[2]))} → {pose(r.row('table5', variant=FULL))}",
-          lambda r: "better" in r.step("table5", ROWS5[2], FULL, "t_medae_m").verdict),
+          lambda r: "better" in r.step("table5", ROWS5[2], FULL, "t_medae_m").verdict
+          and r.step("table5", ROWS5[2], FULL, "R_mae_deg").verdict == "not told apart"),
     Claim("Table 6", "equal weights of the losses win", "model.losses.loss_weights",
           "test_results.py::test_an_ablations_table_is_made_from_its_recorded_result", "09_ablations", "8", DIFFERS,
           "in the mean rotation not told apart from the others", f"{printed('table6', 'equal')}; tanh {printed('table6', 'tanh-weighted')}",
@@ -190,11 +194,12 @@ CLAIMS = (
           "a classifier still tells every set from real", "t-SNE, no number",
           lambda r: "Fréchet " + ", ".join(f"{row['set']} {row['frechet']:.0f}" for row in of_figure_6(r) if row["set"] != "real"),
           lambda r: (d := {row["set"]: row["frechet"] for row in of_figure_6(r)})["photographs"] < d["drawn"] < d["plain"]),
-    Claim("Sec. V", "real time on a CPU", "bench.bench", "test_results.py::test_the_recorded_speed_reaches_its_goals", "11_sequences_speed", "7",
-          REPRODUCED, "a smaller network on another processor; one as large as the paper's beside it", f"{PAPER['speed']['cpu_fps']} frames/s",
+    Claim("Abstract, Sec. VI", "real time on a CPU", "bench.bench", "test_results.py::test_the_recorded_speed_reaches_its_goals",
+          "11_sequences_speed", "7", REPRODUCED, "a smaller network on another processor; one as large as the paper's beside it",
+          f"{PAPER['speed']['cpu_fps']} frames/s",
           lambda r: f"{r.fps('DroneKey++', 'ONNX Runtime'):.0f} frames/s (paper-sized {r.fps('DroneKey++, paper-sized', 'eager'):.0f})",
           lambda r: r.fps("DroneKey++", "ONNX Runtime") > PAPER["speed"]["cpu_fps"]),
-    Claim("Sec. V", "real time on a GPU", "bench.bench", "test_bench.py::test_who_takes_part", "11_sequences_speed", "7", NOT_ATTEMPTED,
+    Claim("Abstract, Sec. VI", "real time on a GPU", "bench.bench", "test_bench.py::test_who_takes_part", "11_sequences_speed", "7", NOT_ATTEMPTED,
           "`bench` measures a GPU where there is one; none has been recorded", f"{PAPER['speed']['gpu_fps']} frames/s", lambda r: "–",
           lambda r: not any(row["device"] == "cuda" for row in r["speed"]["rows"])),
     Claim("Sec. V", "works on real drones (supplementary video)", "predict.predict", "test_predict.py::test_the_poses_are_the_networks",
@@ -265,7 +270,8 @@ def in_short(results: Results) -> str:
     faster = [results.fps("DroneKey++", engine, "ratio_to_yolov8n_pose") for engine in ("ONNX Runtime", "eager")]
     lines += [
         "",
-        "(Test scenes 6 and 7, seven drones: the mean of these 14 columns of Table 3. MAE: mean error, MedAE: median. The translation's MAE is a "
+        "(Test scenes 6 and 7, seven drones: the mean of these 14 columns of Table 3; of the paper its printed average. "
+        "MAE: mean error, MedAE: median. The translation's MAE is a "
         "mean over the three axes, as the paper's seems to be; its MedAE is a distance. Two data sets: the order of magnitude compares, the digits "
         "do not. Frames a second: batch 1, two cores, from full HD frame and box to pose, with ONNX Runtime (in brackets: plain PyTorch); that is "
         f"{faster[0]:.0f} ({faster[1]:.0f}) times as fast as YOLOv8n-pose + PnP in its own library. A network of the paper's size does "
@@ -283,8 +289,7 @@ def benchmark(results: Results) -> str:
         except InputError:
             lines.append(f"| `{name}` | {asks} | not yet | |")
             continue
-        seeds = len({run["seed"] for run in runs})
-        trainings = f", {len(runs)} trainings, {seeds} seed{'s' * (seeds > 1)}" if runs else ""
+        trainings = f", {len(runs)} trainings, {count_seeds(results[name])}" if runs else ""
         minutes = f"{sum(run['minutes'] for run in runs):.0f}" if runs else ""
         lines.append(f"| `{name}` | {asks} | [figures/{name}.md](figures/{name}.md){trainings} | {minutes} |")
     return "\n".join(lines) + "\n"

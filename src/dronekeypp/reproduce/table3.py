@@ -43,6 +43,7 @@ from dronekeypp.reproduce.tables import (
     TEST_SCENES,
     average,
     cells,
+    drones,
     heading,
     interval,
     methods,
@@ -207,10 +208,12 @@ def shrink(values: np.ndarray) -> np.ndarray:
     return values.astype(np.int16 if values.max() < 2**15 else np.int32) if values.dtype.kind == "i" else values
 
 
-def paper_cells(method: str, key: str) -> list[float]:
-    """The paper's 14 columns in our order of drones, and its printed average."""
-    printed = PAPER["table3"][method][key]
-    return [*(printed[f"scene_{scene:02d}"][drone] for scene in TEST_SCENES for drone in drone_names()), printed["average_printed"]]
+def paper_cells(method: str, key: str, names: Sequence[str]) -> list[float] | None:
+    """The paper's columns of the drones `names`, NaN where it has none, and its printed average; None for a method that it does not have."""
+    printed = PAPER["table3"].get(method, {}).get(key)
+    if printed is None:
+        return None
+    return [*(printed[f"scene_{scene:02d}"].get(drone, np.nan) for scene in TEST_SCENES for drone in names), printed["average_printed"]]
 
 
 def write_table(recorded: dict[str, Any], folder: Path) -> None:
@@ -227,7 +230,8 @@ def draw(recorded: dict[str, Any]) -> plt.Figure:
     names = methods(recorded)
 
     def paper(name: tuple[str, str | None], key: str) -> float | None:
-        return paper_cells(name[0], printed[key])[-1] if name[1] is None and printed[key] else None
+        found = paper_cells(name[0], printed[key], ()) if name[1] is None and printed[key] else None
+        return found and found[-1]
 
     return panels(recorded, names, [title(*name) for name in names], paper)
 
@@ -237,7 +241,7 @@ def markdown(recorded: dict[str, Any]) -> str:
     minutes: dict[str, float] = {}
     for story in recorded["runs"]:
         minutes.setdefault(title(story["method"], story["variant"]), story["minutes"])
-    columns = [f"{scene}·{drone}" for scene in TEST_SCENES for drone in drone_names()]
+    columns = [f"{scene}·{drone}" for scene in TEST_SCENES for drone in drones(recorded)]
     lines = [
         "# Table 3: test scenes 6 and 7",
         "",
@@ -252,8 +256,8 @@ def markdown(recorded: dict[str, Any]) -> str:
     for method, variant in methods(recorded):
         for name, ours, theirs, digits in PRINTED:
             values = [("ours", cells(recorded, method, variant, ours))]
-            if variant is None and theirs:
-                values.insert(0, ("paper", paper_cells(method, theirs)))
+            if variant is None and theirs and (printed := paper_cells(method, theirs, drones(recorded))):
+                values.insert(0, ("paper", printed))
             for who, numbers in values:
                 lines.append(f"| {title(method, variant)} | {name} | {who} | " + " | ".join(number(v, digits) for v in numbers) + " |")
     lines += [
@@ -280,12 +284,12 @@ def as_csv(recorded: dict[str, Any]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["method", "variant", "metric", "source", "scene", "drone", "value"])
-    places = [(scene, drone) for scene in TEST_SCENES for drone in drone_names()] + [("average", "")]
+    places = [(scene, drone) for scene in TEST_SCENES for drone in drones(recorded)] + [("average", "")]
     for method, variant in methods(recorded):
         for _, ours, theirs, _ in PRINTED:
             values = [("ours", ours, cells(recorded, method, variant, ours))]
-            if variant is None and theirs:
-                values.append(("paper", ours, paper_cells(method, theirs)))
+            if variant is None and theirs and (printed := paper_cells(method, theirs, drones(recorded))):
+                values.append(("paper", ours, printed))
             for source, metric, numbers in values:
                 for (scene, drone), value in zip(places, numbers, strict=True):
                     writer.writerow([method, variant or "", metric, source, scene, drone, "" if np.isnan(value) else f"{value:.6g}"])

@@ -11,7 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from dronekeypp import plots
-from dronekeypp.evaluate import MEASURES, drone_names, interval_of_mean
+from dronekeypp.evaluate import MEASURES, interval_of_mean
 from dronekeypp.files import write_beside
 
 TEST_SCENES = (6, 7)
@@ -34,6 +34,11 @@ def methods(recorded: dict[str, Any]) -> list[tuple[str, str | None]]:
     return list(dict.fromkeys((row["method"], row["variant"]) for row in recorded["rows"]))
 
 
+def drones(recorded: dict[str, Any]) -> list[str]:
+    """The drones of a recorded result, in class order: whoever has drones of his own still reads the tables of seven."""
+    return list(dict.fromkeys(row["drone"] for row in recorded["rows"]))
+
+
 def over_seeds(rows: Sequence[dict], key: str) -> float:
     """Mean of a measure over the rows given (the seeds of one cell); NaN where it was not measured."""
     values = [row[key] for row in rows if row.get(key) is not None]
@@ -41,12 +46,12 @@ def over_seeds(rows: Sequence[dict], key: str) -> float:
 
 
 def cells(recorded: dict[str, Any], method: str, variant: str | None, key: str) -> list[float]:
-    """Our 14 columns (scene 6, then scene 7, the drones in class order) and their mean; NaN where there is no such frame."""
+    """Our 14 columns (scene 6, then scene 7, `drones` in class order) and their mean; NaN where there is no such frame."""
     mine = [row for row in recorded["rows"] if (row["method"], row["variant"]) == (method, variant)]
     columns = [
         over_seeds([row for row in mine if (row["scene"], row["drone"]) == (scene, drone)], key)
         for scene in TEST_SCENES
-        for drone in drone_names()
+        for drone in drones(recorded)
     ]
     return [*columns, float(np.nanmean(columns)) if not np.isnan(columns).all() else float("nan")]
 
@@ -82,7 +87,6 @@ def interval(row: dict, key: str, digits: int) -> str:
     low_high = row.get(f"{key}_ci95")
     text = number(row[key], digits)
     return f"{text} [{', '.join(number(v, digits) for v in low_high)}]" if low_high else text
-
 
 
 def panels(
@@ -125,10 +129,19 @@ def write_figure(path: Path, figure: plt.Figure) -> None:
     write_beside(path, content.getvalue())
 
 
+def count_seeds(recorded: dict[str, Any]) -> str:
+    """ "3 seeds", or "1 to 3 seeds" where the rows differ."""
+    of_rows: dict[tuple, set] = {}
+    for story in recorded["runs"]:
+        of_rows.setdefault((story["method"], story["variant"]), set()).add(story["seed"])
+    fewest, most = min(map(len, of_rows.values())), max(map(len, of_rows.values()))
+    return (f"{most}" if fewest == most else f"{fewest} to {most}") + " seed" + "s" * (most > 1)
+
+
 def heading(recorded: dict[str, Any]) -> str:
     """What a recorded table was made with, in a sentence or two."""
-    data, seeds = recorded["dataset"], {story["seed"] for story in recorded["runs"]}
+    data = recorded["dataset"]
     return (
-        f"Preset `{recorded['preset']}`, {data['train_frames']:,} training frames, {data['test_frames']:,} test frames, {len(seeds)} seed(s), "
+        f"Preset `{recorded['preset']}`, {data['train_frames']:,} training frames, {data['test_frames']:,} test frames, {count_seeds(recorded)}, "
         f"{recorded['hardware']}. Budget: {', '.join(f'{k}={v}' for k, v in recorded['budget'].items()) or 'as in the preset'}."
     )

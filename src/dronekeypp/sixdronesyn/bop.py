@@ -10,7 +10,8 @@
                       flight.json           scene, drone, take, environment, turn, seed, fps
 
 Millimetres here and only here. All pixels in the three scene files are full-frame pixels, whether whole frames or crops are stored: a crop never
-changes an annotation. `crop` is the square (x, y, side) that a stored crop shows, null for whole frames.
+changes an annotation. `crop` is the square (x, y, side) that a stored crop shows, null for whole frames. A mesh in models/ has no propellers, as it
+is what stands still; bbox_obj holds the discs they sweep, so it is larger than the mesh's own.
 """
 
 import json
@@ -39,7 +40,8 @@ class Frame:
     """One frame's annotation. Metres and full-frame pixels.
 
     K (3, 3) · camera_R (3, 3), camera_t (3,): camera←world · R (3, 3), t (3,): camera←body · keypoints_2d (4, 2) · keypoints_3d (4, 3) in camera
-    axes · visible (4,) bool, in the frame and not hidden by the drone itself · box (x, y, w, h) · square (x, y, side) or None · obj_id 1 to 7.
+    axes · visible (4,) bool, in the frame and not hidden by the drone itself · box (x, y, w, h) · square (x, y, side) or None · obj_id 1 to 7, and on
+    for drones of your own.
     """
 
     number: int

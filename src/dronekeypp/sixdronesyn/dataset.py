@@ -78,7 +78,7 @@ class SixDroneSyn(torch.utils.data.Dataset):
         degrade: show half of the crops, drawn anew, as a small, compressed video shows them; see `degrade`.
         seed: of the augmentation, which depends on (seed, epoch, index) alone; see `set_epoch`.
         stride: keep every stride-th stored frame of each flight.
-        drones: names of the drones to keep; None for all seven.
+        drones: names of the drones to keep; None for all.
 
     An item is a dictionary of tensors:
         image (3, S, S) float32 RGB in [0, 1] · K (3, 3) of the full frame · square (3,): crop (x, y, side) in full-frame pixels ·
@@ -143,6 +143,7 @@ class SixDroneSyn(torch.utils.data.Dataset):
         return clamp_square((x + dx, y + dy, side), WIDTH, HEIGHT)
 
     def __getitem__(self, index):
+        index = range(len(self))[index]  # -1 is the last, and draws what the last draws
         f = self.frames[index]
         image, square = self.stored_image(index), self.square(index)
         local = square
