@@ -82,4 +82,8 @@ def test_crop_image_rejects_an_empty_square():
 
 def test_nothing_in_nothing_out():
     assert camera.check_intrinsics(np.zeros((0, 3, 3))).shape == (0, 3, 3)
-    assert camera.clamp_square((-10, 0, 3000), 1920, 1080).dtype == np.float64
+
+
+def test_a_square_larger_than_the_frame_shrinks():
+    square = camera.clamp_square((-10, 0, 3000), 1920, 1080)
+    assert square.dtype == np.float64 and square.tolist() == [840.0, 0.0, 1080.0]

@@ -188,6 +188,8 @@ def test_whatever_is_called_like_a_network_can_be_measured():
     without_image = frame_errors(Guess()(None, dataset.data["K"], None), dataset.data)
     np.testing.assert_array_equal(without_image["t_m"], frames["t_m"])
     assert np.isnan(without_image["keypoint_crop_px"]).all()
+    lost = {"t": dataset.data["t"], "class_probs": torch.full((12, 7), torch.nan)}
+    assert (frame_errors(lost, dataset.data)["predicted"] == -1).all()
 
 
 def test_a_table_of_two_methods_names_them():

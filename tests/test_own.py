@@ -68,12 +68,12 @@ print(train(root, root.parent / "run", overrides=dict(settings, classes=8, pose=
 def test_it_is_rendered_and_learned(folder, environments, tmp_path):
     root = tmp_path / "set"
     lines = run(GENERATE.format(root=str(root), pictures=str(environments)), folder).splitlines()
-    assert lines == ["24 ['Racer']", "12 6", "True", "there are 8 drones and 7 classes: --set classes=8", "best"]
+    assert lines == ["24 ['Racer']", "12 6", "True", "drone number 8 is in the data, and there are 7 classes: --set classes=8", "best"]
     info = json.loads((root / "models" / "models_info.json").read_text())["8"]
     assert info["name"] == "Racer" and np.allclose(np.array(info["keypoints"]) / 1000, HUBS)
 
 
-def test_recorded_tables_stay_tables_of_seven(folder):
+def test_tables_and_trainings_of_the_seven_stay_as_they_are(folder):
     code = """
 from pathlib import Path
 from dronekeypp.reproduce import ablations, read_result, table3

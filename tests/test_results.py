@@ -14,7 +14,7 @@ import pytest
 from dronekeypp.baselines import load_network
 from dronekeypp.errors import InputError
 from dronekeypp.evaluate import evaluate, measure
-from dronekeypp.files import command_line
+from dronekeypp.files import command_line, read_json
 from dronekeypp.reproduce import ablations, beyond, claims, domains, figure6, priors, read_result, table3, tables
 from dronekeypp.reproduce.picture import sheet
 from dronekeypp.reproduce.runner import describe
@@ -127,6 +127,17 @@ def test_the_shipped_geometric_network_does_what_its_row_says():
 def test_the_claims_in_the_readme_are_those_of_the_recorded_results():
     text = (ROOT / "README.md").read_text()
     assert text == claims.into(text, claims.Results())
+
+
+def test_the_readmes_lines_for_one_picture(monkeypatch):
+    [code] = [block for block in re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL) if "clamp_square" in block]
+    said, true = ([float(v) for v in re.search(pattern, code)[1].split(",")] for pattern in (r"metres: \((.*?)\)", r"truth: \((.*?)\)"))
+    monkeypatch.chdir(ROOT)
+    here = {}
+    exec(code, here)  # noqa: S102
+    assert here["pose"]["t"][0].tolist() == pytest.approx(said, abs=0.02)
+    [truth] = read_json(ROOT / "data_samples" / "frames" / "test" / "000651" / "scene_gt.json")["0"]
+    assert [v / 1000 for v in truth["cam_t_m2c"]] == pytest.approx(true, abs=0.006)
 
 
 def test_the_readmes_picture_shows_seven_drones():

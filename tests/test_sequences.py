@@ -189,11 +189,14 @@ def test_a_flight_without_frames():
     assert R.shape == (0, 3, 3) and t.shape == (0, 3)
 
 
-def test_the_live_filter_keeps_none_of_the_callers_arrays():
+def test_the_live_filter_shares_no_array_with_its_caller():
     live, R, t = LiveFilter(), np.eye(3), np.zeros(3)
     live.update(0.0, R, t)
-    t[:] = 5.0  # a loop that fills one buffer again and again
-    assert np.abs(live.update(0.1, None, None)[1]).max() == 0
+    R[:], t[:] = 0, 5  # a loop that fills one buffer again and again
+    found = live.update(0.1, None, None)
+    np.testing.assert_array_equal(found[0], np.eye(3))
+    found[1][:] = 7
+    assert np.abs(live.update(0.2, None, None)[1]).max() == 0
 
 
 def test_bad_measurements():

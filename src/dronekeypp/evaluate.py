@@ -51,8 +51,8 @@ def frame_errors(output: dict, batch: dict) -> dict[str, np.ndarray]:
     """Errors of one batch, an array per measure; NaN where `output` lacks the part (a baseline without a class, say).
 
     `output` is what a network answers, see `PoseNetwork`; class_probs all 0 say "no answer". `batch` needs R, t, square, label, scene, frame,
-    subsequence, keypoints if any are predicted, and image, of which only the width is read, for keypoint_crop_px: an item of `SixDroneSyn`, or
-    its `poses` and an image.
+    subsequence, and keypoints if any are predicted: a batch of `SixDroneSyn`, or its `poses`; of image only the width is read, for
+    keypoint_crop_px.
 
     R_deg: geodesic angle · t_m: Euclidean distance · t_axis_m (B, 3): per camera axis · class_correct, label, predicted (-1: none) ·
     keypoint_units: mean distance of the four keypoints in crop units, keypoint_px in full-frame pixels, keypoint_crop_px in pixels of the
@@ -71,8 +71,9 @@ def frame_errors(output: dict, batch: dict) -> dict[str, np.ndarray]:
     units = apart.mean(dim=-1)
     away = output["t"] - t if has["t"] else nothing[:, None].expand(-1, 3)
     predicted = torch.full_like(batch["label"], -1)
-    if has["class_probs"]:  # all zeros: no answer (a detector that found nothing)
-        predicted = torch.where((output["class_probs"] != 0).any(dim=-1), output["class_probs"].argmax(dim=-1), predicted)
+    if has["class_probs"]:  # all zeros: no answer (a detector that found nothing); NaN is none either
+        answered = (output["class_probs"] != 0).any(dim=-1) & output["class_probs"].isfinite().all(dim=-1)
+        predicted = torch.where(answered, output["class_probs"].argmax(dim=-1), predicted)
     nose = (output["R"][:, :, 0] * R[:, :, 0]).sum(dim=-1) if has["R"] else nothing
     across = torch.linalg.cross(output["t"], t).norm(dim=-1) if has["t"] else nothing  # exact at 0 degrees, where acos is not
     errors = {

@@ -44,8 +44,8 @@ def solve_pnp(hubs, pixels, K):
 
     Returns:
         list of `Solution`, distinct poses only: normally two, one where the two coincide, none where OpenCV's closed form (IPPE) finds none in
-        front of the camera: with noise that happens in a few of a thousand frames. The poses are IPPE's as they are; whoever wants the last
-        pixel refines them (`cv2.solvePnPRefineLM`).
+        front of the camera: rarely with good keypoints near by, in some per cent of the frames with noisy or far ones (notebook 02). The poses
+        are IPPE's as they are; whoever wants the last pixel refines them (`cv2.solvePnPRefineLM`).
 
     Raises:
         InputError: wrong shapes, NaN, points on a line or off the plane, a bad camera matrix.

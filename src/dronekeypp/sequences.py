@@ -140,7 +140,7 @@ class LiveFilter:
             if self.time is None or time - self.seen > self.longest_gap:
                 return None
             self._predict(time)
-            return self.R, self.t
+            return self.R.copy(), self.t.copy()
         R, t = np.array(R, dtype=np.float64), np.array(t, dtype=np.float64)  # copies: the caller may use his arrays again
         if R.shape != (3, 3) or t.shape != (3,) or not (np.isfinite(R).all() and np.isfinite(t).all()):
             raise InputError(f"a measured pose needs a finite R (3, 3) and t (3,), got {R.shape} and {t.shape}")
@@ -156,7 +156,7 @@ class LiveFilter:
             self._predict(time)
             self._correct(R, t, position_cov, rotation_cov)
         self.seen = time
-        return self.R, self.t
+        return self.R.copy(), self.t.copy()
 
     def _predict(self, time):
         dt = time - self.time

@@ -247,7 +247,9 @@ def fit(
     for epoch in range(state.epoch, config.epochs):
         tic = time.monotonic()
         torch.manual_seed(int(np.random.SeedSequence([config.seed, epoch, rank]).generate_state(1)[0]))  # dropout
-        whole = train_set.dataset if isinstance(train_set, Subset) else train_set
+        whole = train_set
+        while isinstance(whole, Subset):
+            whole = whole.dataset
         if hasattr(whole, "set_epoch"):
             whole.set_epoch(epoch)  # augmentation
         order = epoch_order(len(train_set), config, epoch, rank, world)
@@ -353,7 +355,7 @@ def train(
     val_set = SixDroneSyn(dataset_root, "val", size=size)
     drones = max(frame.obj_id for frame in train_set.frames + val_set.frames)
     if drones > model_config.classes:
-        raise InputError(f"there are {drones} drones and {model_config.classes} classes: --set classes={drones}")
+        raise InputError(f"drone number {drones} is in the data, and there are {model_config.classes} classes: --set classes={drones}")
     return train_on(train_set, val_set, out, model_config, config, resume, progress, network=network)
 
 

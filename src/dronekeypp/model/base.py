@@ -25,8 +25,8 @@ class PoseNetwork(nn.Module):
     `forward(image, K, square, **told)` returns a dict with some of keypoints (B, 4, 2) crop units, class_probs (B, classes),
     R (B, 3, 3), t (B, 3) and failed (B,) bool; a measure whose part is missing comes out as NaN.
 
-    A network of your own takes `(config, load_backbone)`, keeps `self.config`, and has `method`, `forward` and `losses`. Put into
-    `baselines.NETWORKS` under its method's name, `evaluate` and `reproduce` find it.
+    A network of your own takes `(config, load_backbone)`, keeps `self.config`, and has `method`, `forward` and `losses`. Put it into
+    `baselines.NETWORKS` under its method's name, and checkpoints of it can be loaded; with a `Run` in `reproduce.table3.RUNS` it stands in Table 3.
     """
 
     method: ClassVar[str]  # its name in tables and checkpoints

@@ -1,8 +1,8 @@
 """Tables 4, 5 and 6, and the heads the paper does not try. Every row is a few settings of the one network, trained at one budget.
 
-To add an ablation, add one entry to ABLATIONS, here or from a script of yours: `python -m dronekeypp reproduce NAME`, or
-`reproduce.reproduce(NAME)`, trains it, measures it, and writes its table, its figure and data_samples/results/NAME.json.
-Rows with the same settings are one training, whatever table they stand in.
+To add an ablation, add one entry to ABLATIONS. `python -m dronekeypp reproduce NAME` (or `reproduce(NAME)` in the script that added it) trains it,
+measures it, and writes its table, its figure and data_samples/results/NAME.json. Rows with the same settings are one training, whatever table
+they stand in.
 """
 
 from __future__ import annotations
@@ -24,9 +24,11 @@ from dronekeypp.presets import preset as find_preset
 from dronekeypp.reproduce.runner import PAPER, Bench, Run, complete, result, rows_and_averages, write_result
 from dronekeypp.reproduce.tables import (
     PRINTED,
+    TEST_SCENES,
     average,
     by_seed,
     cells,
+    drones,
     heading,
     methods,
     number,
@@ -43,7 +45,7 @@ METHOD = DroneKeyPP.method
 class Row:
     """A line of an ablation: its name (the paper's, where the paper has it), the settings it differs in from the preset, and its seeds.
 
-    Seeds cost a training each. A row that its first one could not tell from the reference may stop there; None: as many as its table.
+    Every seed costs a training. A row that nothing will be claimed of may stop at one; None: as many as its table.
     """
 
     name: str
@@ -133,9 +135,11 @@ ABLATIONS: dict[str, Ablation] = {
 
 def run_of(row: Row, preset: str) -> Run:
     """The training behind a row. What the row sets as the preset has it already is left out, so that equal settings are one run."""
-    find_preset(preset, row.changes)  # whatever the row sets must exist
     model, training = find_preset(preset)
     usual = {**training.to_dict(), **model.to_dict()}
+    unknown = sorted(set(row.changes) - set(usual))
+    if unknown:
+        raise InputError(f"row {row.name!r}: unknown setting {unknown[0]!r}; known: {', '.join(usual)}")
     changes = {key: value for key, value in row.changes.items() if value != usual[key]}
     return Run(METHOD, " ".join(f"{key}={value}" for key, value in sorted(changes.items())) or None, changes)
 
@@ -214,18 +218,19 @@ def paper_value(name: str, variant: str, key: str) -> float | None:
 
 @dataclass(frozen=True)
 class Difference:
-    """A row's measure minus the reference's: over the 14 sequences (seeds averaged), and of every seed of the one against every seed of the other."""
+    """A row's measure minus the reference's: over the sequences (seeds averaged), and of every seed of the one (first axis) against every seed of
+    the other."""
 
     mean: float
     interval: tuple[float, float]
-    seeds: tuple[float, ...]
+    seeds: np.ndarray
 
     @property
     def verdict(self) -> str:
         """ "better" or "worse" only if the interval leaves out 0 and three or more seeds lie wholly on one side; all our measures are errors."""
-        if self.interval[0] <= 0 <= self.interval[1] or len({np.sign(d) for d in self.seeds}) > 1:
+        if self.interval[0] <= 0 <= self.interval[1] or len(np.unique(np.sign(self.seeds))) > 1:
             return "not told apart"
-        return ("better" if self.mean < 0 else "worse") + ("" if len(self.seeds) >= 9 else "?")
+        return ("better" if self.mean < 0 else "worse") + ("" if min(self.seeds.shape) >= 3 else "?")
 
 
 def difference(recorded: dict[str, Any], variant: str, key: str) -> Difference | None:
@@ -236,7 +241,7 @@ def difference(recorded: dict[str, Any], variant: str, key: str) -> Difference |
     if not np.isfinite(apart).all():
         return None
     seeds = [np.array(by_seed(recorded, METHOD, name, key)) for name in (variant, reference)]
-    return Difference(float(apart.mean()), tuple(interval_of_mean(apart)), tuple(np.subtract.outer(*seeds).ravel().tolist()))
+    return Difference(float(apart.mean()), tuple(interval_of_mean(apart)), np.subtract.outer(*seeds))
 
 
 def mean_and_spread(recorded: dict[str, Any], variant: str, key: str, digits: int) -> str:
@@ -258,7 +263,8 @@ def markdown(recorded: dict[str, Any]) -> str:
         "",
         f"{heading(recorded)} {len(minutes)} trainings of {min(minutes):g} to {max(minutes):g} minutes.",
         "",
-        "Mean of the 14 columns of Table 3" + (" ± standard deviation over the seeds" if any(story["seed"] for story in recorded["runs"]) else "")
+        f"Mean of the {len(TEST_SCENES) * len(drones(recorded))} columns of Table 3"
+        + (" ± standard deviation over the seeds (without it: one seed)" if any(story["seed"] for story in recorded["runs"]) else "")
         + (". The paper's value, on its own data, in brackets." if with_paper else "."),
         "",
         "| | " + " | ".join(title for title, *_ in printed) + " | direction (deg) | class | keypoints (px) |",
@@ -277,7 +283,7 @@ def markdown(recorded: dict[str, Any]) -> str:
             "",
             f"## Against “{reference}”",
             "",
-            "Difference of the errors, seeds averaged, with its 95 % interval over the 14 sequences. *Better* or *worse*: the interval leaves out 0 "
+            "Difference of the errors, seeds averaged, with its 95 % interval over the sequences. *Better* or *worse*: the interval leaves out 0 "
             "and every seed is on the same side of every seed of the reference; with fewer than three a question mark stays.",
             "",
             "| | " + " | ".join(title for title, *_ in printed) + " |",

@@ -174,8 +174,8 @@ CLAIMS = (
           "in translation yes, rotation not told apart; without the class the keypoints smuggle the size",
           f"{printed('table5', ROWS5[2])} → {printed('table5', FULL)}",
           lambda r: f"{pose(r.row('table5', variant=ROWS5[2]))} → {pose(r.row('table5', variant=FULL))}",
-          lambda r: "better" in r.step("table5", ROWS5[2], FULL, "t_medae_m").verdict
-          and r.step("table5", ROWS5[2], FULL, "R_mae_deg").verdict == "not told apart"),
+          lambda r: all("better" in r.step("table5", ROWS5[2], FULL, key).verdict for key in ("t_axis_mae_m", "t_medae_m"))
+          and all(r.step("table5", ROWS5[2], FULL, key).verdict == "not told apart" for key in ("R_mae_deg", "R_medae_deg"))),
     Claim("Table 6", "equal weights of the losses win", "model.losses.loss_weights",
           "test_results.py::test_an_ablations_table_is_made_from_its_recorded_result", "09_ablations", "8", DIFFERS,
           "in the mean rotation not told apart from the others", f"{printed('table6', 'equal')}; tanh {printed('table6', 'tanh-weighted')}",
@@ -270,7 +270,7 @@ def in_short(results: Results) -> str:
     faster = [results.fps("DroneKey++", engine, "ratio_to_yolov8n_pose") for engine in ("ONNX Runtime", "eager")]
     lines += [
         "",
-        "(Test scenes 6 and 7, seven drones: the mean of these 14 columns of Table 3; of the paper its printed average. "
+        "(Test scenes 6 and 7, seven drones: the mean of these 14 columns of Table 3; for the paper, the average it prints. "
         "MAE: mean error, MedAE: median. The translation's MAE is a "
         "mean over the three axes, as the paper's seems to be; its MedAE is a distance. Two data sets: the order of magnitude compares, the digits "
         "do not. Frames a second: batch 1, two cores, from full HD frame and box to pose, with ONNX Runtime (in brackets: plain PyTorch); that is "

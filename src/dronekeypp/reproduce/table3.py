@@ -208,7 +208,7 @@ def shrink(values: np.ndarray) -> np.ndarray:
     return values.astype(np.int16 if values.max() < 2**15 else np.int32) if values.dtype.kind == "i" else values
 
 
-def paper_cells(method: str, key: str, names: Sequence[str]) -> list[float] | None:
+def paper_cells(method: str, key: str, names: Sequence[str] = ()) -> list[float] | None:
     """The paper's columns of the drones `names`, NaN where it has none, and its printed average; None for a method that it does not have."""
     printed = PAPER["table3"].get(method, {}).get(key)
     if printed is None:
@@ -230,7 +230,7 @@ def draw(recorded: dict[str, Any]) -> plt.Figure:
     names = methods(recorded)
 
     def paper(name: tuple[str, str | None], key: str) -> float | None:
-        found = paper_cells(name[0], printed[key], ()) if name[1] is None and printed[key] else None
+        found = paper_cells(name[0], printed[key]) if name[1] is None and printed[key] else None
         return found and found[-1]
 
     return panels(recorded, names, [title(*name) for name in names], paper)
@@ -264,8 +264,8 @@ def markdown(recorded: dict[str, Any]) -> str:
         "",
         "## Averages, with 95 % intervals",
         "",
-        "Mean of the 14 columns; the interval draws the 14 sequences (scene and drone) with replacement. Fourteen are few: an interval this rough "
-        "says only whether two methods are far apart. Seeds are averaged first.",
+        f"Mean of the {len(columns)} columns; the interval draws these sequences (scene and drone) with replacement. They are few: an interval this "
+        "rough says only whether two methods are far apart. Seeds are averaged first.",
         "",
         "| method | " + " | ".join(name for name, *_ in PRINTED) + " | class | keypoints (px) | PCK@0.05 | heading flips | no pose |",
         "|---|" + "---:|" * (len(PRINTED) + 5),

@@ -46,7 +46,7 @@ def over_seeds(rows: Sequence[dict], key: str) -> float:
 
 
 def cells(recorded: dict[str, Any], method: str, variant: str | None, key: str) -> list[float]:
-    """Our 14 columns (scene 6, then scene 7, `drones` in class order) and their mean; NaN where there is no such frame."""
+    """Our columns (scene 6, then scene 7, `drones` in class order) and their mean; NaN where there is no such frame."""
     mine = [row for row in recorded["rows"] if (row["method"], row["variant"]) == (method, variant)]
     columns = [
         over_seeds([row for row in mine if (row["scene"], row["drone"]) == (scene, drone)], key)

@@ -6,7 +6,7 @@ name: letters and digits, new. mesh: any file that PyVista reads (STL, PLY, OBJ 
 unit is "m" (the default) or "mm"; without propellers, which are drawn. hubs: the four centres of the propeller discs, (4, 3) metres, same axes,
 in the order front-left, front-right, rear-right, rear-left. propeller_diameter: metres. mass: kg. If you like, also: label (shown to people),
 motor_radius (metres), body_mm (length, width, height), hull_rgb, propeller_rgb, tip_rgb (0 to 255; a mesh with colours of its own, a point array
-"RGB" or "rgb", keeps them). The variable is read once, when the package is imported.
+"RGB" or "rgb", keeps them). The variable is read once, when the list of drones is first imported.
 """
 
 from __future__ import annotations
