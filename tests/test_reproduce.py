@@ -413,3 +413,14 @@ def test_bad_calls_are_one_clear_error(finished, tmp_path):
             reproduce(**arguments, progress=False)
     with pytest.raises(InputError, match="table4.json not found: make it with `python -m dronekeypp reproduce table4`"):
         read_result("table4", Path(tmp_path))
+
+
+def test_a_finished_data_set_needs_no_renderer(finished):
+    _, data, _ = finished
+    code = (
+        "import sys; sys.modules['pyvista'] = None\n"
+        "from dronekeypp.reproduce import Bench\n"
+        f"Bench(None, 'cpu', {{}}, 'none', __import__('pathlib').Path({str(data)!r}), stride={STRIDE}).render()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

@@ -43,7 +43,6 @@ from dronekeypp.reproduce.tables import number, write_figure
 from dronekeypp.sixdronesyn.bop import read_json
 from dronekeypp.sixdronesyn.dataset import SixDroneSyn, degrade
 from dronekeypp.sixdronesyn.drones import DRONES
-from dronekeypp.sixdronesyn.generate import generate
 from dronekeypp.sixdronesyn.scenes import SCENES, count_frames
 from dronekeypp.train import BEST
 
@@ -159,6 +158,8 @@ def rendered(bench: Bench, name: str, environments: Path | None) -> Path:
     stride = there.get("settings", {}).get("stride", max(bench.stride, 10) if name == "plain" else bench.stride)  # plain: just enough
     if there.get("frames", {}).get("test", 0) < count_frames(TEST, stride=stride):
         say(f"rendering into {folder}", bench.progress)
+        from dronekeypp.sixdronesyn.generate import generate  # here, as in `Bench.render`
+
         generate(folder, TEST, stride=stride, environments=environments, workers=bench.workers, progress=bench.progress)
     return folder
 

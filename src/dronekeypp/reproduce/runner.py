@@ -34,7 +34,6 @@ from dronekeypp.presets import preset as find_preset
 from dronekeypp.sixdronesyn.bop import read_json
 from dronekeypp.sixdronesyn.dataset import SixDroneSyn
 from dronekeypp.sixdronesyn.drones import DRONES
-from dronekeypp.sixdronesyn.generate import generate
 from dronekeypp.sixdronesyn.scenes import count_frames, frame_numbers, subsequences
 from dronekeypp.train import BEST, CONFIG, METRICS, check_settings, choose_device, run_settings, train_on, weights_digest
 
@@ -100,6 +99,8 @@ class Bench:
         if wanted and settings.get("environments", wanted) != wanted:
             raise InputError(f"{self.data} was rendered before {settings['environments']}, not before {wanted}; set --data to another folder")
         if sum(there.get("frames", {}).values()) < count_frames(stride=self.stride):
+            from dronekeypp.sixdronesyn.generate import generate  # here: a server that is handed the finished data set needs no renderer
+
             say(f"rendering into {self.data}", self.progress)
             generate(self.data, stride=self.stride, environments=self.environments, workers=self.workers, progress=self.progress)
 
