@@ -131,13 +131,12 @@ def evaluate(
     """
     if len(dataset) == 0:
         raise InputError("nothing to evaluate: the data set has no frames")
-    network = model if isinstance(model, nn.Module) else None
-    device = next((p.device for p in network.parameters()), torch.device("cpu")) if network else torch.device("cpu")
+    network = model if isinstance(model, nn.Module) else nn.Module()  # what is none has no mode and no parameters
+    device = next((p.device for p in network.parameters()), torch.device("cpu"))
     loader = DataLoader(dataset, batch_size=batch, num_workers=workers, generator=torch.Generator())
     told = getattr(model, "told", ())
-    parts, losses, present, was_training = [], {}, [], bool(network and network.training)
-    if network:
-        network.eval()
+    parts, losses, present, was_training = [], {}, [], network.training
+    network.eval()
     try:
         with torch.inference_mode():
             for items in progress(loader) if progress else loader:
@@ -148,8 +147,7 @@ def evaluate(
                 for name, value in (criterion(output, items) if criterion else {}).items():
                     losses[name] = losses.get(name, 0.0) + value.item() * len(items["t"])
     finally:
-        if network:
-            network.train(was_training)
+        network.train(was_training)
     frames = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     bad = ~np.isfinite([frames[error] for error in present]).all(axis=0)
     if bad.any():

@@ -185,7 +185,7 @@ def with_true_keypoints(bench: Bench, run: Run, seed: int, frames: dict[str, np.
     named = torch.from_numpy(frames["predicted"]).to(truth["label"])
     with torch.inference_mode():
         output = model(None, truth["K"], truth["square"], truth["keypoints"], named)
-    return frame_errors(output, {**truth, "image": torch.empty(1, 3, 1, model.config.image_size)})
+    return frame_errors(output, truth)
 
 
 def medians(frames: dict[str, np.ndarray]) -> dict[str, float]:
