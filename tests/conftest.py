@@ -6,7 +6,9 @@ import pytest
 
 from dronekeypp.sixdronesyn.generate import generate
 
-os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # for the processes that tests start; see notebooks/conftest.py
+os.environ.setdefault(
+    "OMP_WAIT_POLICY", "PASSIVE"
+)  # for the processes that tests start; see notebooks/conftest.py
 
 
 def paint_environments(folder, n=6, seed=5):
@@ -30,7 +32,9 @@ def environments(tmp_path_factory):
     return paint_environments(tmp_path_factory.mktemp("data") / "environments")
 
 
-SMALL = dict(scene_numbers=[1, 3, 6], drone_names=["Mini2", "Tello"], size=64, stride=30, progress=False)  # 72 frames
+SMALL = dict(
+    scene_numbers=[1, 3, 6], drone_names=["Mini2", "Tello"], size=64, stride=30, progress=False
+)  # 72 frames
 
 
 @pytest.fixture(scope="session")

@@ -8,7 +8,9 @@ import torch
 from dronekeypp import camera, rotations
 from dronekeypp.model import DroneKeyPP, ModelConfig
 
-CORNERS = torch.tensor([[1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0], [-1.0, 1.0, 0.0]])  # FL, FR, RR, RL
+CORNERS = torch.tensor(
+    [[1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0], [-1.0, 1.0, 0.0]]
+)  # FL, FR, RR, RL
 COLOURS = torch.tensor([[1.0, 0.1, 0.1], [0.1, 1.0, 0.1], [0.2, 0.2, 1.0], [1.0, 1.0, 0.1]])
 K = torch.tensor([[1500.0, 0.0, 960.0], [0.0, 1500.0, 540.0], [0.0, 0.0, 1.0]])
 
@@ -22,11 +24,15 @@ class FakeDrones(torch.utils.data.Dataset):
         label = torch.randint(classes, (n,), generator=draw)
         # hubs: 0.06 to 0.18 m sideways, and a length-to-width ratio of its own for every class
         side = 0.06 + 0.12 * label / max(1, classes - 1)
-        hubs = CORNERS * torch.stack([side * (0.7 + 0.1 * (label % 4)), side, side], dim=1)[:, None]  # (n, 4, 3)
+        hubs = (
+            CORNERS * torch.stack([side * (0.7 + 0.1 * (label % 4)), side, side], dim=1)[:, None]
+        )  # (n, 4, 3)
         angles = (2 * u[:, :3] - 1) * torch.tensor([yaw, tilt, tilt]) / 360 % 1
         R = rotations.angles_to_matrix(angles)
         z = 1.5 + (far - 1.5) * u[:, 5]
-        t = torch.stack([z * (u[:, 3] - 0.5), z * (0.1 + 0.3 * u[:, 4]), z], dim=1)  # below the camera: seen from above
+        t = torch.stack(
+            [z * (u[:, 3] - 0.5), z * (0.1 + 0.3 * u[:, 4]), z], dim=1
+        )  # below the camera: seen from above
         points = hubs @ R.transpose(1, 2)
         pixels = camera.project(points + t[:, None], K)
         low, high = pixels.amin(dim=1), pixels.amax(dim=1)
@@ -52,7 +58,9 @@ class FakeDrones(torch.utils.data.Dataset):
     def __getitem__(self, i):
         item = {name: value[i] for name, value in self.data.items()}
         grid = (torch.arange(self.size) + 0.5) / self.size
-        apart = (grid[None, :, None] - item["keypoints"][:, 0]) ** 2 + (grid[:, None, None] - item["keypoints"][:, 1]) ** 2
+        apart = (grid[None, :, None] - item["keypoints"][:, 0]) ** 2 + (
+            grid[:, None, None] - item["keypoints"][:, 1]
+        ) ** 2
         dots = torch.exp(-apart / (2 * 0.05**2))  # (S, S, 4)
         image = 0.3 + torch.einsum("yxk,kc->cyx", dots, COLOURS) * 0.7
         image[:, : self.size // 8, : self.size // 8] = (item["label"] + 1) / 8  # the class, as a grey corner
@@ -61,7 +69,16 @@ class FakeDrones(torch.utils.data.Dataset):
 
 def tiny(**changes):
     """Settings of a network that trains in seconds."""
-    settings = dict(image_size=32, backbone_stride=8, width=16, layers=2, heads=2, ffn=32, decoder_width=32, decoder_layers=2)
+    settings = dict(
+        image_size=32,
+        backbone_stride=8,
+        width=16,
+        layers=2,
+        heads=2,
+        ffn=32,
+        decoder_width=32,
+        decoder_layers=2,
+    )
     return {**settings, **changes}
 
 

@@ -54,7 +54,9 @@ def test_pnp_with_the_wrong_size_is_off_by_the_ratio_of_sizes():
 
 def test_upright_chooses_among_the_two_poses_by_the_back():
     data = FakeDrones(200, seed=4, tilt=25).data
-    pixels = from_crop(data["keypoints"], data["square"]) + torch.randn(200, 4, 2, generator=torch.Generator().manual_seed(0))
+    pixels = from_crop(data["keypoints"], data["square"]) + torch.randn(
+        200, 4, 2, generator=torch.Generator().manual_seed(0)
+    )
     fit, upright = (learned(hypothesis=h)(pixels, data["label"], data["K"]) for h in ("fit", "upright"))
     wrong = [(geodesic_degrees(found["R"], data["R"]) > 30).float().mean() for found in (fit, upright)]
     assert wrong[1] < 0.5 * wrong[0]  # flown level, the truth is nearly always the upright one
@@ -90,7 +92,9 @@ def test_dronekey_is_told_the_drone_and_trained_on_keypoints_alone():
     with pytest.raises(InputError, match="DroneKey needs the drone's label"):
         model.eval()(items["image"], items["K"], items["square"])
     out = model.eval()(items["image"], items["K"], items["square"], items["label"])
-    torch.testing.assert_close(out["R"] @ out["R"].transpose(1, 2), torch.eye(3).expand(6, 3, 3), atol=1e-5, rtol=0)
+    torch.testing.assert_close(
+        out["R"] @ out["R"].transpose(1, 2), torch.eye(3).expand(6, 3, 3), atol=1e-5, rtol=0
+    )
 
 
 def test_dronepose_sees_the_crop_alone_unless_it_is_told_where_that_was_cut():
@@ -99,12 +103,21 @@ def test_dronepose_sees_the_crop_alone_unless_it_is_told_where_that_was_cut():
     for told in (False, True):
         torch.manual_seed(0)
         model = DronePose(ModelConfig(**tiny(use_rays=told))).eval()
-        a, b = model(items["image"], items["K"], items["square"]), model(items["image"], items["K"], elsewhere)
+        a, b = (
+            model(items["image"], items["K"], items["square"]),
+            model(items["image"], items["K"], elsewhere),
+        )
         assert torch.equal(a["t"], b["t"]) is not told
         assert torch.equal(a["R"], b["R"]) is not told
-        torch.testing.assert_close(a["R"] @ a["R"].transpose(1, 2), torch.eye(3).expand(6, 3, 3), atol=1e-5, rtol=0)
+        torch.testing.assert_close(
+            a["R"] @ a["R"].transpose(1, 2), torch.eye(3).expand(6, 3, 3), atol=1e-5, rtol=0
+        )
     frames = evaluate(model, FakeDrones(6))
-    assert np.isnan(frames["keypoint_px"]).all() and (frames["predicted"] == -1).all() and np.isfinite(frames["R_deg"]).all()
+    assert (
+        np.isnan(frames["keypoint_px"]).all()
+        and (frames["predicted"] == -1).all()
+        and np.isfinite(frames["R_deg"]).all()
+    )
 
 
 @pytest.mark.parametrize("network", [DroneKeyPP, DroneKey, DronePose])
@@ -123,8 +136,12 @@ def test_every_method_trains_resumes_and_comes_back_from_disk(network, tmp_path)
     one, two = evaluate(model, val), evaluate(same, val)
     assert np.array_equal(one["R_deg"], two["R_deg"]) and np.array_equal(one["t_m"], two["t_m"])
     model.save_pretrained(tmp_path / "half", half=True)
-    np.testing.assert_allclose(evaluate(network.from_pretrained(tmp_path / "half"), val)["t_m"], one["t_m"], rtol=0.05, atol=0.02)
-    assert (tmp_path / "half" / "model.safetensors").stat().st_size < 0.6 * (best / "model.safetensors").stat().st_size
+    np.testing.assert_allclose(
+        evaluate(network.from_pretrained(tmp_path / "half"), val)["t_m"], one["t_m"], rtol=0.05, atol=0.02
+    )
+    assert (tmp_path / "half" / "model.safetensors").stat().st_size < 0.6 * (
+        best / "model.safetensors"
+    ).stat().st_size
     other = DronePose if network is not DronePose else DroneKey
     with pytest.raises(InputError, match=f"holds a network of {network.method.replace('+', '.')}, not of"):
         other.from_pretrained(best)
@@ -140,8 +157,14 @@ def test_an_unknown_method_is_named():
 def test_yolo_is_handed_the_crops_that_all_methods_see(small_dataset, tmp_path):
     sets = {split: SixDroneSyn(small_dataset, split, size=64) for split in ("train", "val")}
     text = yolo.export(sets, tmp_path / "yolo", list(DRONES)).read_text()
-    assert "kpt_shape: [4, 3]" in text and "flip_idx: [1, 0, 3, 2]" in text and f"  {DRONES['Tello'].index}: Tello" in text
-    pictures, labels = (sorted((tmp_path / "yolo" / kind / "train").iterdir()) for kind in ("images", "labels"))
+    assert (
+        "kpt_shape: [4, 3]" in text
+        and "flip_idx: [1, 0, 3, 2]" in text
+        and f"  {DRONES['Tello'].index}: Tello" in text
+    )
+    pictures, labels = (
+        sorted((tmp_path / "yolo" / kind / "train").iterdir()) for kind in ("images", "labels")
+    )
     assert [p.stem for p in pictures] == [p.stem for p in labels] and len(pictures) == len(sets["train"])
     frame, folder, item = sets["train"].frames[0], sets["train"].folders[0], sets["train"][0]
     name = f"{folder.name}_{frame.number:06d}"
@@ -160,9 +183,14 @@ def test_yolo_is_handed_the_crops_that_all_methods_see(small_dataset, tmp_path):
 def test_yolo_is_an_extra_and_says_so(small_dataset, monkeypatch, tmp_path):
     monkeypatch.setattr(yolo.importlib.util, "find_spec", lambda name: None)
     assert not yolo.installed()
-    calls = (lambda: yolo.detect(tmp_path / "a.pt", torch.zeros(1, 3, 32, 32), 7), lambda: yolo.train({}, tmp_path, [], {"epochs": 1}))
+    calls = (
+        lambda: yolo.detect(tmp_path / "a.pt", torch.zeros(1, 3, 32, 32), 7),
+        lambda: yolo.train({}, tmp_path, [], {"epochs": 1}),
+    )
     for call in calls:
-        with pytest.raises(InputError, match=r'optional extra \(ultralytics, AGPL-3.0\): pip install -e "\.\[yolo\]"'):
+        with pytest.raises(
+            InputError, match=r'optional extra \(ultralytics, AGPL-3.0\): pip install -e "\.\[yolo\]"'
+        ):
             call()
 
 
@@ -176,8 +204,14 @@ def test_yolo_trains_goes_on_and_answers(small_dataset, tmp_path):
     assert yolo.train(sets, tmp_path / "run", list(DRONES), settings).stat().st_mtime_ns == made
     with pytest.raises(InputError, match="digest was 'a' and is now 'b'"):
         yolo.train(sets, tmp_path / "run", list(DRONES), settings | {"digest": "b"})
-    (tmp_path / "run" / "kept" / "epoch").write_text("1")  # as a kill between the checkpoint and its number leaves it
+    (tmp_path / "run" / "kept" / "epoch").write_text(
+        "1"
+    )  # as a kill between the checkpoint and its number leaves it
     yolo.train(sets, tmp_path / "run", list(DRONES), settings)
     assert yolo.epochs_done(tmp_path / "run") == 2 and weights.stat().st_mtime_ns == made
     out = yolo.detect(weights, torch.stack([sets["val"][i]["image"] for i in range(3)]), 7)
-    assert out["keypoints"].shape == (3, 4, 2) and out["class_probs"].shape == (3, 7) and out["found"].dtype == torch.bool
+    assert (
+        out["keypoints"].shape == (3, 4, 2)
+        and out["class_probs"].shape == (3, 7)
+        and out["found"].dtype == torch.bool
+    )

@@ -55,7 +55,13 @@ def test_bad_box(box):
 
 @pytest.mark.parametrize(
     ("K_bad", "message"),
-    [(np.eye(4), "3×3"), (K * np.nan, "NaN"), (np.diag([-1.0, 1, 1]), "positive"), (K.T, "transposed"), (np.eye(3) * 2, "rows")],
+    [
+        (np.eye(4), "3×3"),
+        (K * np.nan, "NaN"),
+        (np.diag([-1.0, 1, 1]), "positive"),
+        (K.T, "transposed"),
+        (np.eye(3) * 2, "rows"),
+    ],
 )
 def test_bad_intrinsics(K_bad, message):
     with pytest.raises(InputError, match=message):

@@ -51,7 +51,11 @@ def test_any_other_answer_is_wrong(module, exercise):
     def wrapped(*given):
         return [np.asarray(v)[None] for v in checks.flat(exercise.solution(*given))]
 
-    assert "off" in exercise.judge(off) or exercise.judge(off) in exercise.mistakes or "expected" in exercise.judge(off)
+    assert (
+        "off" in exercise.judge(off)
+        or exercise.judge(off) in exercise.mistakes
+        or "expected" in exercise.judge(off)
+    )
     assert exercise.judge(wrapped).startswith("wrong shape")
 
 
@@ -64,7 +68,9 @@ def test_names_are_found_once():
 
 
 def test_the_judge():
-    double = Exercise("double", lambda x: 2 * x, lambda rng: (rng.normal(size=3),), {"you squared": np.square})
+    double = Exercise(
+        "double", lambda x: 2 * x, lambda rng: (rng.normal(size=3),), {"you squared": np.square}
+    )
     assert double.judge(lambda x: x + x) == CORRECT
     assert double.judge(np.square) == "you squared"
     assert double.judge(lambda x: (2 * x)[None]) == "wrong shape: (1, 3), expected (3,)"
@@ -92,14 +98,19 @@ def test_the_judge():
 
 def cells(module):
     path = ROOT / "notebooks" / f"{NOTEBOOKS[module]}.ipynb"
-    return [(cell["cell_type"], "".join(cell["source"]), cell.get("outputs")) for cell in json.loads(path.read_text())["cells"]]
+    return [
+        (cell["cell_type"], "".join(cell["source"]), cell.get("outputs"))
+        for cell in json.loads(path.read_text())["cells"]
+    ]
 
 
 @pytest.mark.parametrize("module", NOTEBOOKS)
 def test_a_notebook_has_its_exercises_each_with_a_hint_and_a_solution_that_passes(module):
     found, known = cells(module), checks.exercises(module)
     assert 2 <= len(known) <= 4
-    asked = [re.search(r"^checks\.(\w+)\(my_(\w+)\)$", source, re.M) for kind, source, _ in found if kind == "code"]
+    asked = [
+        re.search(r"^checks\.(\w+)\(my_(\w+)\)$", source, re.M) for kind, source, _ in found if kind == "code"
+    ]
     assert [m.group(1) for m in asked if m] == list(known) == [m.group(2) for m in asked if m]
     imports = {}
     exec(next(source for kind, source, _ in found if kind == "code" and "import" in source), imports)
@@ -110,7 +121,9 @@ def test_a_notebook_has_its_exercises_each_with_a_hint_and_a_solution_that_passe
         name = called.group(1)
         assert ["".join(output["text"]) for output in outputs] == [f"{name}: {UNTOUCHED}\n"]
         kind, text, _ = found[i - 1]
-        assert kind == "markdown" and re.search(r"^### Exercise \d · .+ · [★☆]{3} · \d+ minutes$", text, re.M), text[:80]
+        assert kind == "markdown" and re.search(
+            r"^### Exercise \d · .+ · [★☆]{3} · \d+ minutes$", text, re.M
+        ), text[:80]
         folded = dict(FOLDED.findall(text))
         assert set(folded) == {"Hint", "Solution"} and len(folded["Hint"].strip()) > 20
         code = re.search(r"```python\n(.*?)```", folded["Solution"], re.S).group(1)

@@ -1,6 +1,5 @@
 """The seven drones: numbers and meshes. No rendering."""
 
-
 import numpy as np
 import pytest
 
@@ -42,7 +41,9 @@ def test_hubs(name):
     np.testing.assert_allclose(hubs[[1, 2]], hubs[[0, 3]] * [1, -1, 1], atol=0)
     assert np.linalg.svd(hubs - hubs.mean(axis=0))[1][2] < 1e-12  # coplanar
     # Mini 2's measured hubs give 215 mm against a published 213
-    assert np.linalg.norm(hubs[0] - hubs[2]) == pytest.approx(drone.wheelbase, rel=0.01 if name == "Mini2" else 1e-9)
+    assert np.linalg.norm(hubs[0] - hubs[2]) == pytest.approx(
+        drone.wheelbase, rel=0.01 if name == "Mini2" else 1e-9
+    )
     apart = np.linalg.norm((hubs[:, None] - hubs)[..., :2], axis=-1)[np.triu_indices(4, 1)]
     assert apart.min() >= drone.propeller_diameter, "two propellers would meet"
     with pytest.raises(ValueError):
@@ -110,7 +111,11 @@ def test_a_hub_is_seen_from_above_and_hidden_from_below(name):
     mesh = drone_mesh(name)
     for hub in mesh.hubs:
         outward = hub * [1, 1, 0] / np.linalg.norm(hub[:2])
-        for direction in (np.array([0.013, 0.007, 1.0]), 0.9 * outward + [0, 0, 0.5], 1.0 * outward + [0, 0, 0.1]):
+        for direction in (
+            np.array([0.013, 0.007, 1.0]),
+            0.9 * outward + [0, 0, 0.5],
+            1.0 * outward + [0, 0, 0.1],
+        ):
             direction = direction / np.linalg.norm(direction)
             assert not (_hits(mesh.body, hub, direction) > mesh.hub_clearance).any()
         assert (_hits(mesh.body, hub, np.array([0.013, 0.007, -1.0])) > mesh.hub_clearance).any()
@@ -122,18 +127,30 @@ def test_propellers(name):
     discs = mesh.propellers(np.zeros(4), 1.0)
     points = np.asarray(discs.points, float).reshape(4, -1, 3)
     np.testing.assert_allclose(points.mean(axis=1), drone.hubs, atol=1e-6)
-    assert np.linalg.norm(points - drone.hubs[:, None], axis=2).max() == pytest.approx(drone.propeller_diameter / 2, rel=1e-5)
+    assert np.linalg.norm(points - drone.hubs[:, None], axis=2).max() == pytest.approx(
+        drone.propeller_diameter / 2, rel=1e-5
+    )
     assert np.ptp(points[..., 2], axis=1).max() < 1e-6
-    assert discs.point_data["rgba"].dtype == np.uint8 and discs.point_data["rgba"].shape == (discs.n_points, 4)
+    assert discs.point_data["rgba"].dtype == np.uint8 and discs.point_data["rgba"].shape == (
+        discs.n_points,
+        4,
+    )
 
 
 def test_blur_only_spreads_the_blades():
     mesh = drone_mesh("Mini2")
     alpha = {}
     for blur in (0.0, 1.0, np.pi, 2 * np.pi, 40.0):
-        alpha[blur] = mesh.propellers(np.full(4, 0.3), blur).point_data["rgba"][:, 3].reshape(4, 48, -1)[0].astype(float)
+        alpha[blur] = (
+            mesh.propellers(np.full(4, 0.3), blur)
+            .point_data["rgba"][:, 3]
+            .reshape(4, 48, -1)[0]
+            .astype(float)
+        )
     for blur in (1.0, np.pi, 2 * np.pi, 40.0):
-        np.testing.assert_allclose(alpha[blur].mean(axis=0), alpha[0.0].mean(axis=0), atol=1.0)  # the same blade, only smeared
+        np.testing.assert_allclose(
+            alpha[blur].mean(axis=0), alpha[0.0].mean(axis=0), atol=1.0
+        )  # the same blade, only smeared
     assert np.ptp(alpha[2 * np.pi], axis=0).max() <= 1  # whole turns: an even disc
     assert alpha[0.0][:, 3].max() > 240 and alpha[0.0][:, 3].min() == 0
     # a still blade lies at its phase: 0.3 rad is 2.3 spokes
@@ -153,7 +170,12 @@ def test_bad_input_says_so():
 def test_meshes_are_deterministic(name):
     again, body = shapes.merge(airframes.parts(name)), drone_mesh(name).body
     assert drone_mesh(name) is meshes.drone_mesh(name)
-    for a, b in ((again.points, body.points), (again.faces, body.faces), (again["rgb"], body["rgb"]), (again["Normals"], body["Normals"])):
+    for a, b in (
+        (again.points, body.points),
+        (again.faces, body.faces),
+        (again["rgb"], body["rgb"]),
+        (again["Normals"], body["Normals"]),
+    ):
         np.testing.assert_array_equal(a, b)
 
 
@@ -161,10 +183,14 @@ def test_painting_cuts_along_the_border():
     cube = shapes.block((0, 0, 0), (10, 10, 10), (100, 100, 100))
     painted = shapes.painted(cube, (255, 0, 0), z=(2.0, 50.0), y=(-3.0, 50.0))
     red = (painted.rgb == [255, 0, 0]).all(axis=1)
-    assert painted.points[red, 2].min() == pytest.approx(2.0) and painted.points[red, 1].min() == pytest.approx(-3.0)
+    assert painted.points[red, 2].min() == pytest.approx(2.0) and painted.points[
+        red, 1
+    ].min() == pytest.approx(-3.0)
 
     def area(part):
         corners = part.points[part.faces]
-        return np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
+        return np.linalg.norm(
+            np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+        ).sum()
 
     assert area(painted) == pytest.approx(area(cube))

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from dronekeypp.environments import ENVIRONMENTS, environment_spec, render_environment
 from dronekeypp.errors import InputError
-from dronekeypp.sixdronesyn.environments import ENVIRONMENTS, environment_spec, render_environment
 from dronekeypp.sixdronesyn.panorama import Panorama, load_panorama
 from dronekeypp.sixdronesyn.scenes import split_environments
 
@@ -34,7 +34,9 @@ def test_every_split_is_varied():
         places = [environment_spec(ENVIRONMENTS[i]) for i in numbers]
         assert len({place.surface for place in places}) >= 3
         heights = [place.sun_elevation for place in places]
-        assert max(heights) - min(heights) > 20 or split == "val"  # the three of validation share a sunny noon
+        assert (
+            max(heights) - min(heights) > 20 or split == "val"
+        )  # the three of validation share a sunny noon
 
 
 def test_shape_and_the_same_pixels_again(drawn):
@@ -88,7 +90,9 @@ def test_sample_finds_a_coloured_patch(turn):
 
 def test_sample_is_seamless_and_reaches_the_poles():
     height = 64
-    image = np.broadcast_to(np.linspace(0, 255, height)[:, None, None], (height, 2 * height, 3)).astype(np.uint8)
+    image = np.broadcast_to(np.linspace(0, 255, height)[:, None, None], (height, 2 * height, 3)).astype(
+        np.uint8
+    )
     panorama = Panorama(image)
     around = np.stack([unit(180 + d, 10) for d in np.linspace(-2, 2, 41)])
     assert np.ptp(panorama.sample(around)[:, 0].astype(int)) <= 1

@@ -17,7 +17,7 @@ from dronekeypp.evaluate import (
     evaluate,
     format_table,
     frame_errors,
-    poses,
+    read_annotations,
     summarise,
 )
 from dronekeypp.model import DroneKeyPP, ModelConfig, loss_terms
@@ -51,13 +51,19 @@ def test_known_errors_come_back():
     np.testing.assert_allclose(frames["t_axis_m"], np.tile([0, 0.3, 0.4], (24, 1)), atol=1e-5)
     np.testing.assert_allclose(frames["keypoint_crop_px"], 0.05 * 32, rtol=1e-3)
     np.testing.assert_allclose(frames["keypoint_px"], 0.05 * dataset.data["square"][:, 2], rtol=1e-3)
-    distance, moved = (v.norm(dim=1).numpy() for v in (dataset.data["t"], dataset.data["t"] + torch.tensor([0.0, 0.3, 0.4])))
+    distance, moved = (
+        v.norm(dim=1).numpy() for v in (dataset.data["t"], dataset.data["t"] + torch.tensor([0.0, 0.3, 0.4]))
+    )
     np.testing.assert_allclose(frames["distance_ratio"], moved / distance, rtol=1e-5)
-    cosine = (moved**2 + distance**2 - 0.5**2) / (2 * moved * distance)  # the triangle of camera, true and predicted place
+    cosine = (moved**2 + distance**2 - 0.5**2) / (
+        2 * moved * distance
+    )  # the triangle of camera, true and predicted place
     np.testing.assert_allclose(np.cos(np.radians(frames["direction_deg"])), cosine, atol=1e-5)
     assert frames["class_correct"].all() and not frames["flip"].any() and not frames["failed"].any()
     assert frames["frame"].tolist() == list(range(24))
-    np.testing.assert_allclose(np.cos(np.radians(frames["heading_deg"])), heading_cosine(dataset.data), atol=1e-4)
+    np.testing.assert_allclose(
+        np.cos(np.radians(frames["heading_deg"])), heading_cosine(dataset.data), atol=1e-4
+    )
 
 
 def heading_cosine(data):
@@ -74,10 +80,16 @@ def test_pck_counts_keypoints_within_a_twentieth_of_the_box(error, share):
     output = {"keypoints": data["keypoints"] + torch.tensor([error, 0.0])}
     frames = frame_errors(output, {**data, "image": torch.zeros(5, 3, 32, 32)})
     assert (frames["pck"] == share).all()
-    assert np.isnan(frames["R_deg"]).all() and np.isnan(frames["class_correct"]).all() and (frames["predicted"] == -1).all()
+    assert (
+        np.isnan(frames["R_deg"]).all()
+        and np.isnan(frames["class_correct"]).all()
+        and (frames["predicted"] == -1).all()
+    )
 
 
-@pytest.mark.parametrize("axis, angle, flipped", [(2, 100, True), (2, 80, False), (0, 170, False), (1, 100, True)])
+@pytest.mark.parametrize(
+    "axis, angle, flipped", [(2, 100, True), (2, 80, False), (0, 170, False), (1, 100, True)]
+)
 def test_a_flip_is_a_nose_that_points_the_other_way(axis, angle, flipped):
     dataset = FakeDrones(4)
     frames = evaluate(Oracle(dataset.data, turn(axis, angle), [0.0, 0.0, 0.0]), dataset)
@@ -96,14 +108,20 @@ def test_rows_by_scene_and_drone():
     assert [(r["scene"], r["drone"], r["frames"], r["method"], r["seed"]) for r in rows] == [
         (6, "B", 3, "DroneKey++", 0), (7, "A", 1, "DroneKey++", 0),
     ]  # fmt: skip
-    assert rows[0]["R_mae_deg"] == pytest.approx(3) and rows[0]["R_medae_deg"] == 2 and rows[0]["flip_rate"] == pytest.approx(1 / 3)
+    assert (
+        rows[0]["R_mae_deg"] == pytest.approx(3)
+        and rows[0]["R_medae_deg"] == 2
+        and rows[0]["flip_rate"] == pytest.approx(1 / 3)
+    )
     assert rows[0]["class_accuracy"] == pytest.approx(2 / 3) and rows[0]["t_medae_m"] == pytest.approx(0.2)
     by_rows, by_frames = averages(frames, draws=50, method="DroneKey++")
     assert by_rows["over"] == "rows" and by_rows["R_mae_deg"] == pytest.approx(6.5)
     assert by_frames["over"] == "frames" and by_frames["R_mae_deg"] == pytest.approx(4.75)
     low, high = by_frames["R_mae_deg_ci95"]
     assert 1 <= low <= 4.75 <= high <= 10
-    assert by_frames["R_mae_deg_ci95"] == averages(frames, draws=50)[1]["R_mae_deg_ci95"]  # the same draws every time
+    assert (
+        by_frames["R_mae_deg_ci95"] == averages(frames, draws=50)[1]["R_mae_deg_ci95"]
+    )  # the same draws every time
     text = format_table(rows + [by_rows, by_frames])
     assert len(text.splitlines()) == 5 and len({len(line) for line in text.splitlines()}) == 1
     json.dumps(rows + [by_rows, by_frames])
@@ -144,7 +162,11 @@ def test_constant_rotation_is_at_least_as_good_as_any_candidate():
     best = best_constant_rotation(R)
     torch.testing.assert_close(best @ best.T, torch.eye(3), atol=1e-5, rtol=0)
     median = geodesic_degrees(best[None], R).median()
-    assert all(median <= geodesic_degrees(R[i : i + 1], R).median() + 1e-3 for i in range(300) if i % (300 // 256) == 0)
+    assert all(
+        median <= geodesic_degrees(R[i : i + 1], R).median() + 1e-3
+        for i in range(300)
+        if i % (300 // 256) == 0
+    )
     one = torch.stack([turn(2, a) for a in (-10, 0, 10, 0, 0)])
     torch.testing.assert_close(best_constant_rotation(one), torch.eye(3), atol=1e-5, rtol=0)
 
@@ -169,7 +191,9 @@ def test_constant_baseline_needs_no_images_but_one():
         def __getitem__(self, i):
             return test[i]
 
-    assert torch.equal(poses(Plain())["t"], test.data["t"][:5]) and "image" not in poses(Plain())
+    assert torch.equal(
+        read_annotations(Plain())["t"], test.data["t"][:5]
+    ) and "image" not in read_annotations(Plain())
 
 
 class Guess:
@@ -178,13 +202,20 @@ class Guess:
     def __call__(self, image, K, square):
         scores = torch.full((len(K), 7), -9.0, dtype=torch.float64)
         scores[:, 2] = -0.1
-        return {"t": torch.tensor([0.0, 0.0, 4.0], dtype=torch.float64).expand(len(K), 3), "class_probs": scores}
+        return {
+            "t": torch.tensor([0.0, 0.0, 4.0], dtype=torch.float64).expand(len(K), 3),
+            "class_probs": scores,
+        }
 
 
 def test_whatever_is_called_like_a_network_can_be_measured():
     dataset = FakeDrones(12)
     frames = evaluate(Guess(), dataset)
-    assert np.isnan(frames["R_deg"]).all() and np.isfinite(frames["t_m"]).all() and (frames["predicted"] == 2).all()
+    assert (
+        np.isnan(frames["R_deg"]).all()
+        and np.isfinite(frames["t_m"]).all()
+        and (frames["predicted"] == 2).all()
+    )
     without_image = frame_errors(Guess()(None, dataset.data["K"], None), dataset.data)
     np.testing.assert_array_equal(without_image["t_m"], frames["t_m"])
     assert np.isnan(without_image["keypoint_crop_px"]).all()

@@ -10,7 +10,15 @@ from dronekeypp import export as export_module
 from dronekeypp.baselines import DroneKey
 from dronekeypp.cli import main
 from dronekeypp.errors import InputError
-from dronekeypp.export import CONFIG_KEY, DOUBT, OUTPUTS, OnnxNetwork, export, largest_differences, load_checkpoint
+from dronekeypp.export import (
+    CONFIG_KEY,
+    DOUBT,
+    OUTPUTS,
+    OnnxNetwork,
+    export,
+    largest_differences,
+    load_checkpoint,
+)
 from dronekeypp.model import DroneKeyPP, ModelConfig
 
 GEOMETRIC = {"rays": "split", "pose": "geometric", "classifier": "features"}
@@ -34,7 +42,9 @@ def test_it_answers_as_the_network_does(changes, tmp_path):
     doubt = found.pop("covariance", 0.0)
     if doubt:
         assert doubt < 1e-2 * float(network(*example())["covariance"].detach().abs().max())
-    loose = 1e-2 if "pose" in changes else 1e-3  # an untrained network's keypoints coincide: metres away, and badly conditioned
+    loose = (
+        1e-2 if "pose" in changes else 1e-3
+    )  # an untrained network's keypoints coincide: metres away, and badly conditioned
     assert all(value < loose for value in found.values()) and found["R"] < 1e-4 and max(found.values()) > 0
 
 
@@ -44,11 +54,21 @@ def test_predict_takes_it(tmp_path, capsys):
 
     net = saved(tmp_path / "net")
     assert main(["export", str(net), str(tmp_path / "net.onnx")]) == 0
-    cv2.imwrite(str(tmp_path / "shot.png"), np.random.default_rng(0).integers(0, 255, (120, 160, 3), dtype=np.uint8))
+    cv2.imwrite(
+        str(tmp_path / "shot.png"), np.random.default_rng(0).integers(0, 255, (120, 160, 3), dtype=np.uint8)
+    )
     (tmp_path / "camera.json").write_text('{"K": [[200, 0, 80], [0, 200, 60], [0, 0, 1]]}')
     rows = []
     for name in ("net", "net.onnx"):
-        command = ["predict", str(tmp_path / name), str(tmp_path / "shot.png"), "--camera", str(tmp_path / "camera.json"), "--box", "40,30,60,40"]
+        command = [
+            "predict",
+            str(tmp_path / name),
+            str(tmp_path / "shot.png"),
+            "--camera",
+            str(tmp_path / "camera.json"),
+            "--box",
+            "40,30,60,40",
+        ]
         assert main([*command, "--out", str(tmp_path / f"out_{name}")]) == 0
         rows.append((tmp_path / f"out_{name}" / "poses.csv").read_text().splitlines()[1].split(","))
     a, b = (np.array([float(v) for part in row[:6] for v in part.split()]) for row in rows)

@@ -76,7 +76,9 @@ def test_torn_partial_frames_are_rendered_again(small_dataset, environments, tmp
     digests = bop.read_json(partial / "flight.json")["digests"]
     numbers = sorted(digests, key=int)
     lines = [json.dumps([int(n), digests[n][0]]) for n in numbers]
-    (partial / "frames.jsonl").write_text("\n".join(lines[:3]) + "\n" + lines[3][:5])  # the fourth line was being written
+    (partial / "frames.jsonl").write_text(
+        "\n".join(lines[:3]) + "\n" + lines[3][:5]
+    )  # the fourth line was being written
     torn = bop.image_path(partial, int(numbers[1]))
     torn.write_bytes(torn.read_bytes()[:200])  # and the second image had not reached the disk
     generate(root, environments=environments, **SMALL)
@@ -123,14 +125,21 @@ def test_no_opengl_names_the_package(monkeypatch, tmp_path, environments):
     from dronekeypp.sixdronesyn import render
 
     monkeypatch.delenv("DRONEKEYPP_OPENGL_CHECKED", raising=False)
-    monkeypatch.setattr(render.subprocess, "run", lambda *a, **k: subprocess.CompletedProcess(a, -11, "", "Segmentation fault"))
+    monkeypatch.setattr(
+        render.subprocess,
+        "run",
+        lambda *a, **k: subprocess.CompletedProcess(a, -11, "", "Segmentation fault"),
+    )
     with pytest.raises(InputError, match="libegl1 libgl1-mesa-dri"):
         generate(tmp_path / "out", environments=environments, **SMALL)
     with pytest.raises(InputError, match="libegl1 libgl1-mesa-dri"):
         render.DroneRenderer("Tello", 64)
 
 
-@pytest.mark.parametrize("subsequence", [scenes.Subsequence(6, "Mini2", 0), scenes.Subsequence(7, "Mav3", 1), scenes.Subsequence(4, "Tello", 2)])
+@pytest.mark.parametrize(
+    "subsequence",
+    [scenes.Subsequence(6, "Mini2", 0), scenes.Subsequence(7, "Mav3", 1), scenes.Subsequence(4, "Tello", 2)],
+)
 def test_the_crop_is_the_picture_the_full_frame_gives(subsequence, environments):
     """The stored crop against the same square cut out of the full frame: JPEG aside they differ only by how finely the drone was drawn."""
     paths = sorted(environments.iterdir())
@@ -153,7 +162,11 @@ def test_the_crop_is_the_picture_the_full_frame_gives(subsequence, environments)
 
 def test_the_drawn_drone_fills_its_box(environments):
     """Pixels that differ from the empty background must lie inside the annotated box and reach near all of its sides."""
-    flight = Flight(scenes.Subsequence(4, "Air3", 0), dict(seed=0, frames="full", size=None), sorted(environments.iterdir()))
+    flight = Flight(
+        scenes.Subsequence(4, "Air3", 0),
+        dict(seed=0, frames="full", size=None),
+        sorted(environments.iterdir()),
+    )
     frame = flight.annotate(30)
     flight.open([frame])
     changed = (np.abs(flight.picture(frame).astype(int) - flight.background) > 6).any(-1)
@@ -167,7 +180,9 @@ def test_hub_visibility_from_above_and_below():
     """A camera straight above sees every hub; one far below the drone sees fewer."""
     from dronekeypp.sixdronesyn.render import SelfOcclusion
 
-    look_down = np.array([[0.0, -1, 0], [-1, 0, 0], [0, 0, -1]])  # camera←body with the camera above, the drone's z towards it
+    look_down = np.array(
+        [[0.0, -1, 0], [-1, 0, 0], [0, 0, -1]]
+    )  # camera←body with the camera above, the drone's z towards it
     look_up = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
     for name, drone in DRONES.items():
         occlusion = SelfOcclusion(name)
@@ -184,7 +199,11 @@ def test_coco_export_is_in_the_stored_images_pixels(small_dataset):
         x, y, w, h = note["bbox"]
         assert x >= -0.1 and y >= -0.1 and x + w <= 64.1 and y + h <= 64.1
         points = np.array(note["keypoints"]).reshape(4, 3)
-        assert (points[:, 0] >= x - 0.1).all() and (points[:, 0] <= x + w + 0.1).all() and set(points[:, 2]) <= {1, 2}
+        assert (
+            (points[:, 0] >= x - 0.1).all()
+            and (points[:, 0] <= x + w + 0.1).all()
+            and set(points[:, 2]) <= {1, 2}
+        )
 
 
 def test_models_info_holds_the_hubs_in_millimetres(small_dataset):
@@ -227,7 +246,7 @@ def _repaint(root):
 
 def _renumber(folder, old, new):
     for name in (*bop.SCENE_FILES, "flight.json"):
-        _edit(folder / name, lambda d: (d.get("digests", d).update({new: d.get("digests", d).pop(old)})))
+        _edit(folder / name, lambda d: d.get("digests", d).update({new: d.get("digests", d).pop(old)}))
     bop.image_path(folder, int(old)).rename(bop.image_path(folder, int(new)))
 
 
@@ -305,7 +324,14 @@ def test_command_line_exit_status(small_dataset, tmp_path, capsys):
     assert main(["validate", str(small_dataset)]) == 0
     assert main(["validate", str(tmp_path)]) == 2
     assert capsys.readouterr().err.startswith("error: ")
-    for wrong in (["--scenes", "99"], ["--scenes", "six"], ["--scenes", ","], ["--shard", "3"], ["--frames", "video"], ["--nonsense"]):
+    for wrong in (
+        ["--scenes", "99"],
+        ["--scenes", "six"],
+        ["--scenes", ","],
+        ["--shard", "3"],
+        ["--frames", "video"],
+        ["--nonsense"],
+    ):
         assert main(["generate", str(tmp_path / "x"), *wrong]) == 2
         assert capsys.readouterr().err.count("\n") == 1
     (tmp_path / "file").write_text("")
@@ -341,7 +367,10 @@ def test_augmented_crops_keep_the_drone_inside(small_dataset):
     for epoch in range(5):
         data.set_epoch(epoch)
         for i in range(len(data)):
-            box = camera.to_crop(np.array([data.frames[i].box[:2], data.frames[i].box[:2] + data.frames[i].box[2:]]), data.square(i))
+            box = camera.to_crop(
+                np.array([data.frames[i].box[:2], data.frames[i].box[:2] + data.frames[i].box[2:]]),
+                data.square(i),
+            )
             assert box.min() > -0.01 and box.max() < 1.01
 
 
@@ -350,7 +379,9 @@ def test_half_of_the_crops_are_degraded(small_dataset):
     changed = [not torch.equal(clean[i]["image"], data[i]["image"]) for i in range(len(data))]
     assert 0.3 < np.mean(changed) < 0.7
     one = changed.index(True)
-    assert torch.equal(clean[one]["keypoints"], data[one]["keypoints"])  # the picture changes, the truth does not
+    assert torch.equal(
+        clean[one]["keypoints"], data[one]["keypoints"]
+    )  # the picture changes, the truth does not
     data.set_epoch(1)
     assert [not torch.equal(clean[i]["image"], data[i]["image"]) for i in range(len(data))] != changed
 
@@ -414,11 +445,22 @@ def test_what_cannot_be_learned_from_is_not_read(name, small_dataset, tmp_path):
     root = tmp_path / "broken"
     shutil.copytree(small_dataset, root)
     damage, match = {
-        "behind the camera": (_gt("cam_t_m2c", [0, 0, -1000]), "frame 30: cam_t_m2c puts the drone behind the camera"),
-        "box outside": (FAULTS["box outside"][0], "frame 30: the middle of bbox_obj lies outside the stored crop"),
+        "behind the camera": (
+            _gt("cam_t_m2c", [0, 0, -1000]),
+            "frame 30: cam_t_m2c puts the drone behind the camera",
+        ),
+        "box outside": (
+            FAULTS["box outside"][0],
+            "frame 30: the middle of bbox_obj lies outside the stored crop",
+        ),
         "other image": (_repaint, "000030.jpg: not the image that was generated"),
         "manifest": (lambda root: (root / "manifest.json").write_text("[]"), "not a data set's manifest"),
-        "own drone": (lambda root: _edit(root / "manifest.json", lambda d: d["settings"].update(own_drones={"Racer": "0"})), "another drone Racer"),
+        "own drone": (
+            lambda root: _edit(
+                root / "manifest.json", lambda d: d["settings"].update(own_drones={"Racer": "0"})
+            ),
+            "another drone Racer",
+        ),
     }[name]
     shutil.copytree(root / "test/000610", root / "test/000610 (copy)")
     shutil.copytree(root / "test/000610", root / "test/9")

@@ -18,7 +18,9 @@ def poses(B=16, seed=0, dtype=torch.float64):
     draw = torch.Generator().manual_seed(seed)
     hubs = (0.15 * CORNERS.to(dtype) * torch.tensor([0.9, 1.0, 1.0])).expand(B, 4, 3)
     R = geometry.from_rotation_vector(torch.randn(B, 3, generator=draw, dtype=dtype))
-    t = torch.randn(B, 3, generator=draw, dtype=dtype) * torch.tensor([0.3, 0.2, 0.0]) + torch.tensor([0, 0, 3.0])
+    t = torch.randn(B, 3, generator=draw, dtype=dtype) * torch.tensor([0.3, 0.2, 0.0]) + torch.tensor(
+        [0, 0, 3.0]
+    )
     return hubs, R, t + torch.rand(B, 1, generator=draw, dtype=dtype) * torch.tensor([0, 0, 1.0])
 
 
@@ -78,7 +80,9 @@ def test_started_at_the_wrong_one_of_two_poses_it_finds_the_right_one():
 def test_without_keypoints_the_prior_stays():
     hubs, R, t = poses()
     R0 = geometry.from_rotation_vector(0.1 * torch.ones(16, 3, dtype=torch.float64)) @ R
-    found = geometry.refine(problem(hubs, seen(hubs, R, t), R0, t + 0.1, ray_sigma=10.0, angle=0.05, distance=0.05))
+    found = geometry.refine(
+        problem(hubs, seen(hubs, R, t), R0, t + 0.1, ray_sigma=10.0, angle=0.05, distance=0.05)
+    )
     assert geodesic_degrees(found["R"], R0).max() < 0.1 and (found["t"] - t - 0.1).norm(dim=1).max() < 1e-3
 
 
@@ -108,7 +112,9 @@ def test_the_gradient_is_that_of_the_whole_search():
 def test_the_covariance_is_how_poses_scatter():
     hubs, R, t = (v[:1].expand(2000, *v.shape[1:]) for v in poses())
     noise = 2e-4 * torch.randn(2000, 4, 2, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
-    found = geometry.refine(problem(hubs, seen(hubs, R, t) + noise, R, t, ray_sigma=2e-4, angle=0.5, distance=1.0))
+    found = geometry.refine(
+        problem(hubs, seen(hubs, R, t) + noise, R, t, ray_sigma=2e-4, angle=0.5, distance=1.0)
+    )
     turn = geometry.chord(found["R"], R)
     scattered = torch.cat([turn, found["t"] - t], dim=1).std(dim=0)
     claimed = found["covariance"].diagonal(dim1=1, dim2=2).mean(dim=0).sqrt()
@@ -119,7 +125,9 @@ def test_of_two_poses_the_other_keeps_its_share_of_belief():
     hubs, R, t = poses(B=32)
     far = 30 * t
     found = geometry.refine(problem(hubs, seen(hubs, R, far), R, far, ray_sigma=1e-3, distance=30.0))
-    assert (found["share"] > 0.4).all() and found["apart"][:, :3].norm(dim=1).median() > 0.3  # alike at this distance: a coin
+    assert (found["share"] > 0.4).all() and found["apart"][:, :3].norm(
+        dim=1
+    ).median() > 0.3  # alike at this distance: a coin
     near = geometry.refine(problem(hubs, seen(hubs, R, t), R, t, ray_sigma=1e-4))
     assert near["share"].median() < 1e-3
 
@@ -129,11 +137,15 @@ def test_shapes_are_read_off_the_annotations():
     shapes = geometry.ClassShapes(8)
     shapes.fit(data["label"], data["R"], data["keypoints_3d"])
     one = torch.eye(8)[data["label"]]
-    torch.testing.assert_close(shapes(one) @ data["R"].transpose(1, 2), data["keypoints_3d"], atol=1e-5, rtol=0)
+    torch.testing.assert_close(
+        shapes(one) @ data["R"].transpose(1, 2), data["keypoints_3d"], atol=1e-5, rtol=0
+    )
     assert (shapes(torch.eye(8)[7:]) > 0).any()  # nobody flew class 7: it gets what is common to all
     assert shapes.size_deviation(torch.eye(8)).abs().max() < 1e-3
     mixed = (torch.eye(8)[:1] + torch.eye(8)[6:7]) / 2
-    sizes = [hubs.sub(hubs.mean(dim=0)).square().sum(dim=1).mean().sqrt() for hubs in shapes.hubs.detach()[[0, 6]]]
+    sizes = [
+        hubs.sub(hubs.mean(dim=0)).square().sum(dim=1).mean().sqrt() for hubs in shapes.hubs.detach()[[0, 6]]
+    ]
     halfway = float((sizes[1] / sizes[0]).log()) / 2
     assert float(shapes.size_deviation(mixed).detach()) == pytest.approx(halfway, rel=1e-3)
 
@@ -152,9 +164,13 @@ def network():
 def test_the_network_answers_like_the_papers_and_more(network):
     items = default_collate([FakeDrones(4)[i] for i in range(4)])
     out = network.eval()(items["image"], items["K"], items["square"])
-    assert out["keypoints"].shape == out["coarse_keypoints"].shape == (4, 4, 2) and out["keypoint_sigma"].shape == (4, 4)
+    assert out["keypoints"].shape == out["coarse_keypoints"].shape == (4, 4, 2) and out[
+        "keypoint_sigma"
+    ].shape == (4, 4)
     assert out["R"].shape == (4, 3, 3) and out["t"].shape == (4, 3) and out["covariance"].shape == (4, 6, 6)
-    torch.testing.assert_close(out["R"] @ out["R"].transpose(1, 2), torch.eye(3).expand(4, 3, 3), atol=1e-5, rtol=0)
+    torch.testing.assert_close(
+        out["R"] @ out["R"].transpose(1, 2), torch.eye(3).expand(4, 3, 3), atol=1e-5, rtol=0
+    )
     assert (torch.linalg.eigvalsh(out["covariance"]) > 0).all()
     low, high = geometry.KEYPOINT_SIGMA
     assert ((out["keypoint_sigma"] > 0.99 * low) & (out["keypoint_sigma"] < 1.01 * high)).all()
@@ -166,7 +182,9 @@ def test_every_part_learns(network):
     items = default_collate([FakeDrones(16)[i] for i in range(16)])
     out = network.train()(items["image"], items["K"], items["square"])
     terms = network.losses(out, items, 10.0)
-    assert set(terms) == {"L_2D", "L_cls", "L_3D", "L_rot", "L_trans"} and all(torch.isfinite(v) for v in terms.values())
+    assert set(terms) == {"L_2D", "L_cls", "L_3D", "L_rot", "L_trans"} and all(
+        torch.isfinite(v) for v in terms.values()
+    )
     sum(terms.values()).backward()
     for name, parameter in network.named_parameters():
         assert parameter.grad is not None and torch.isfinite(parameter.grad).all(), name
@@ -175,10 +193,13 @@ def test_every_part_learns(network):
 
 def test_doubt_does_not_pay_with_accuracy():
     """The likelihood of an error teaches the sigma and leaves the answer alone."""
-    error, sigma = torch.tensor([0.04, 0.01], requires_grad=True), torch.tensor([0.1, 0.1], requires_grad=True)
+    error, sigma = (
+        torch.tensor([0.04, 0.01], requires_grad=True),
+        torch.tensor([0.1, 0.1], requires_grad=True),
+    )
     likelihood(error, sigma, 2).backward()
     assert error.grad is None and (sigma.grad != 0).all()
-    best = torch.tensor(0.05 ** 0.5, requires_grad=True)  # two dimensions: half of the squared error each
+    best = torch.tensor(0.05**0.5, requires_grad=True)  # two dimensions: half of the squared error each
     likelihood(torch.full((1,), 0.1), best, 2).backward()
     assert abs(float(best.grad)) < 1e-4
 
@@ -200,7 +221,16 @@ def test_it_needs_a_picture():
         net(None, truth["K"], truth["square"], keypoints=truth["keypoints"], label=truth["label"])
 
 
-@pytest.mark.parametrize("change", [{"use_class": False}, {"use_rays": False}, {"use_3d": False}, {"rotation": "sixd"}, {"translation": "site"}])
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"use_class": False},
+        {"use_rays": False},
+        {"use_3d": False},
+        {"rotation": "sixd"},
+        {"translation": "site"},
+    ],
+)
 def test_it_has_none_of_the_papers_switches(change):
     with pytest.raises(InputError, match="pose=geometric has no such switch"):
         ModelConfig(**{**SMALL, **change})

@@ -40,11 +40,19 @@ def test_each_term_by_hand():
     output["angles"] = output["angles"].clone()
     output["angles"][0, 0] += 0.3  # one of 6
     terms = {k: float(v) for k, v in loss_terms(output, truth()).items()}
-    expected = {"L_2D": 0.16 / 16, "L_cls": math.log(7), "L_3D": 0.36 / 24, "L_rot": 0.09 / 6, "L_trans": 9 / 6}
+    expected = {
+        "L_2D": 0.16 / 16,
+        "L_cls": math.log(7),
+        "L_3D": 0.36 / 24,
+        "L_rot": 0.09 / 6,
+        "L_trans": 9 / 6,
+    }
     assert terms == pytest.approx(expected, rel=1e-4)
     assert float(total_loss(loss_terms(output, truth()))) == pytest.approx(sum(expected.values()), rel=1e-4)
     weighted = total_loss(loss_terms(output, truth()), (0.5, 5.0))
-    by_hand = 0.5 * (expected["L_2D"] + expected["L_cls"]) + 5 * (expected["L_3D"] + expected["L_rot"] + expected["L_trans"])
+    by_hand = 0.5 * (expected["L_2D"] + expected["L_cls"]) + 5 * (
+        expected["L_3D"] + expected["L_rot"] + expected["L_trans"]
+    )
     assert float(weighted) == pytest.approx(by_hand, rel=1e-4)
 
 
@@ -60,7 +68,9 @@ def test_circular_loss_takes_the_short_way_round():
     a, b = torch.tensor([[0.98, 0.5, 0.0]]), torch.tensor([[0.02, 0.1, 1.0]])
     assert float(circular_loss(a, b)) == pytest.approx((0.04**2 + 0.4**2 + 0.0) / 3, rel=1e-5)
     assert circular_loss(a, b) == circular_loss(b, a)
-    assert float(circular_loss(torch.tensor([[0.25]]), torch.tensor([[0.75]]))) == pytest.approx(0.25)  # the worst case
+    assert float(circular_loss(torch.tensor([[0.25]]), torch.tensor([[0.75]]))) == pytest.approx(
+        0.25
+    )  # the worst case
 
 
 def test_sixd_rotation_loss_is_the_chord():

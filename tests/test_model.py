@@ -64,7 +64,11 @@ def test_layer_is_torchs_encoder_layer(norm):
     with torch.no_grad():
         theirs.self_attn.in_proj_weight.copy_(ours.attention.qkv.weight)
         theirs.self_attn.in_proj_bias.copy_(ours.attention.qkv.bias)
-        for a, b in ((theirs.self_attn.out_proj, ours.attention.out), (theirs.linear1, ours.ffn[0]), (theirs.linear2, ours.ffn[3])):
+        for a, b in (
+            (theirs.self_attn.out_proj, ours.attention.out),
+            (theirs.linear1, ours.ffn[0]),
+            (theirs.linear2, ours.ffn[3]),
+        ):
             a.load_state_dict(b.state_dict())
     x = torch.randn(2, 5, 12)
     torch.testing.assert_close(ours(x)[0], theirs(x))
@@ -100,7 +104,9 @@ def test_shapes_and_properties_of_the_output():
     assert [tuple(a.shape) for a in out["attention"]] == [(B, 2, 1 + M, 1 + M)] * N
     torch.testing.assert_close(out["gate"].sum(-1), torch.ones(B))
     torch.testing.assert_close(out["class_probs"].sum(-1), torch.ones(B))
-    torch.testing.assert_close(out["R"] @ out["R"].transpose(1, 2), torch.eye(3).expand(B, 3, 3), atol=1e-5, rtol=0)
+    torch.testing.assert_close(
+        out["R"] @ out["R"].transpose(1, 2), torch.eye(3).expand(B, 3, 3), atol=1e-5, rtol=0
+    )
     assert (out["angles"] >= 0).all() and (out["angles"] < 1).all()
     torch.testing.assert_close(out["rays"][..., 2], torch.ones(B, 4))
     torch.testing.assert_close(out["keypoints_px"], camera.from_crop(out["keypoints"], items["square"]))
@@ -116,7 +122,9 @@ def test_equations_2_to_4_by_hand():
         for layer in range(2):
             total += out["gate"][n, layer] * (W @ out["ir"][n, layer] + b)
         torch.testing.assert_close(out["keypoints"][n].flatten(), total.clamp(min=0))
-    torch.testing.assert_close(out["gate"], torch.softmax(out["ir"][:, -1] @ model.encoder.to_gate.weight.T, -1))
+    torch.testing.assert_close(
+        out["gate"], torch.softmax(out["ir"][:, -1] @ model.encoder.to_gate.weight.T, -1)
+    )
 
 
 def test_a_heatmap_keypoint_is_the_mean_place_of_its_map():
@@ -125,7 +133,10 @@ def test_a_heatmap_keypoint_is_the_mean_place_of_its_map():
         model.encoder.to_heatmap.weight.zero_()
     assert torch.allclose(run(model, items)["keypoints"], torch.tensor(0.5))  # all cells alike: the middle
     centres = model.encoder.centres
-    assert centres[0].tolist() == [0.125, 0.125] and centres[1].tolist() == [0.375, 0.125]  # 4 x 4 cells: x runs first
+    assert centres[0].tolist() == [0.125, 0.125] and centres[1].tolist() == [
+        0.375,
+        0.125,
+    ]  # 4 x 4 cells: x runs first
     with torch.no_grad():
         model.encoder.to_heatmap.weight.normal_()
     heat = torch.softmax(model.encoder.to_heatmap(tokens_of(model, items)), dim=1)  # (B, M, 4)
@@ -146,7 +157,9 @@ def test_site_measures_against_the_rays():
     s = torch.tensor([[0.1, -0.2, -1.5]]).expand(8, 3)
     t = from_site(s, rays)
     centre, spread = centre_and_spread(rays)
-    torch.testing.assert_close(t[:, 2:] * spread, torch.full((8, 1), math.exp(-1.5)))  # depth times spread: a size in metres
+    torch.testing.assert_close(
+        t[:, 2:] * spread, torch.full((8, 1), math.exp(-1.5))
+    )  # depth times spread: a size in metres
     torch.testing.assert_close(t[:, :2] / t[:, 2:], centre + spread * s[:, :2])
     # twice as far, the same drone looks half as large: the same three numbers say so
     far = torch.cat([centre[:, None] + (rays[..., :2] - centre[:, None]) / 2, rays[..., 2:]], dim=-1)
@@ -161,7 +174,9 @@ def test_an_allocentric_head_turns_with_the_ray():
     out = run(model, items)
     ray = torch.nn.functional.normalize(out["rays"].mean(dim=1), dim=-1)
     torch.testing.assert_close(out["R"][:, :, 2], ray)
-    torch.testing.assert_close(out["R"] @ out["R"].transpose(1, 2), torch.eye(3).expand(3, 3, 3), atol=1e-5, rtol=0)
+    torch.testing.assert_close(
+        out["R"] @ out["R"].transpose(1, 2), torch.eye(3).expand(3, 3, 3), atol=1e-5, rtol=0
+    )
 
 
 def test_a_backbone_in_bfloat16_trains_and_answers_in_float32():
@@ -237,8 +252,10 @@ def test_split_rays_part_position_distance_and_shape():
     features = RayFeatures("split")
     square = torch.tensor([[0.1, 0.1], [-0.1, 0.1], [-0.1, -0.1], [0.1, -0.1]])
     here = torch.cat([square, torch.ones(4, 1)], dim=1)[None]
-    there = torch.cat([square / 2 + torch.tensor([0.2, -0.3]), torch.ones(4, 1)], dim=1)[None]  # moved, and twice as far
-    a, b = features.plain(here)[0], features.plain(there)[0]
+    there = torch.cat([square / 2 + torch.tensor([0.2, -0.3]), torch.ones(4, 1)], dim=1)[
+        None
+    ]  # moved, and twice as far
+    a, b = features.unscaled(here)[0], features.unscaled(there)[0]
     torch.testing.assert_close(b[:2] - a[:2], torch.tensor([0.2, -0.3]))
     torch.testing.assert_close(a[2] - b[2], torch.tensor(2.0).log(), atol=1e-3, rtol=0)
     torch.testing.assert_close(a[3:], b[3:], atol=1e-3, rtol=0)
@@ -260,14 +277,18 @@ def test_split_rays_part_position_distance_and_shape():
 )  # fmt: skip
 def test_every_switch_runs_forward_and_backward(changes):
     model, items = network(**changes), batch()
-    truth = dict(keypoints=items["keypoints"], label=items["label"]) if changes.get("encoder") == "truth" else {}
+    truth = (
+        dict(keypoints=items["keypoints"], label=items["label"]) if changes.get("encoder") == "truth" else {}
+    )
     out = run(model, items, **truth)
     total_loss(loss_terms(out, items)).backward()
     assert all(p.grad is not None for p in model.parameters())
     assert (out["keypoints_3d"] is None) == (changes.get("use_3d") is False)
     assert (out["angles"] is None) == ("rotation" in changes)
     if "gate" in changes:
-        assert torch.allclose(out["gate"][0], torch.tensor([0.0, 1.0] if changes["gate"] == "last" else [0.5, 0.5]))
+        assert torch.allclose(
+            out["gate"][0], torch.tensor([0.0, 1.0] if changes["gate"] == "last" else [0.5, 0.5])
+        )
     counts = model.parameter_counts()
     assert counts["total"] == sum(p.numel() for p in model.parameters())
 
@@ -396,7 +417,9 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
 
 def test_bad_input_to_the_network():
     model, items = network(), batch()
-    with pytest.raises(InputError, match=r"image has shape \(3, 3, 24, 24\), the network needs \(3, 3, 32, 32\)"):
+    with pytest.raises(
+        InputError, match=r"image has shape \(3, 3, 24, 24\), the network needs \(3, 3, 32, 32\)"
+    ):
         model(items["image"][..., :24, :24], items["K"], items["square"])
     with pytest.raises(InputError, match="square has shape"):
         model(items["image"], items["K"], items["square"][:1])
@@ -409,9 +432,9 @@ def test_bad_input_to_the_network():
 def test_settings_round_trip_and_read_text():
     config = ModelConfig(rays="split", layers=5, backbone_weights="x.safetensors")
     assert ModelConfig.from_json(config.to_json()) == config
-    assert config.replace(layers="2", use_3d="false", dropout="1e-1", backbone_weights="none") == config.replace(
-        layers=2, use_3d=False, dropout=0.1, backbone_weights=None
-    )
+    assert config.replace(
+        layers="2", use_3d="false", dropout="1e-1", backbone_weights="none"
+    ) == config.replace(layers=2, use_3d=False, dropout=0.1, backbone_weights=None)
 
 
 @pytest.mark.parametrize(
@@ -436,7 +459,9 @@ def test_the_fakes_project_onto_their_keypoints():
     data = FakeDrones(20).data
     pixels = camera.project(data["keypoints_3d"] + data["t"][:, None], data["K"])
     torch.testing.assert_close(camera.to_crop(pixels, data["square"]), data["keypoints"], atol=1e-4, rtol=0)
-    assert np.isfinite(data["R"].numpy()).all() and torch.allclose(turn(2, 90)[:, 0], torch.tensor([0.0, 1.0, 0.0]), atol=1e-6)
+    assert np.isfinite(data["R"].numpy()).all() and torch.allclose(
+        turn(2, 90)[:, 0], torch.tensor([0.0, 1.0, 0.0]), atol=1e-6
+    )
 
 
 def test_a_classifier_on_features_leaves_the_backbone_alone():
@@ -444,7 +469,9 @@ def test_a_classifier_on_features_leaves_the_backbone_alone():
     out = run(model, items)
     assert out["class_probs"].shape == (3, 7)
     model.losses(out, items, 10.0)["L_cls"].backward()
-    assert all(p.grad is None for p in model.backbone.parameters()) and all(p.grad is None for p in model.encoder.parameters())
+    assert all(p.grad is None for p in model.backbone.parameters()) and all(
+        p.grad is None for p in model.encoder.parameters()
+    )
     assert all(p.grad.abs().max() > 0 for p in model.classifier.parameters())
     assert model.idle_parameters and not network().idle_parameters  # the [cls] token's own layer is not asked
     assert model.parameter_counts()["total"] == sum(p.numel() for p in model.parameters())

@@ -42,7 +42,11 @@ def test_an_optional_need_is_no_fault_and_a_broken_import_is(monkeypatch, capsys
     monkeypatch.setattr(needs, "NEEDS", (needs.Need("GPU", without, True),))
     assert needs.check() and "[extra]   GPU" in capsys.readouterr().out
     monkeypatch.setattr(needs, "NEEDS", (needs.Need("ONNX", broken),))
-    assert not needs.check() and "[missing] ONNX         No module named 'torch': pip install -r environment.txt" in capsys.readouterr().out
+    assert (
+        not needs.check()
+        and "[missing] ONNX         No module named 'torch': pip install -r environment.txt"
+        in capsys.readouterr().out
+    )
 
 
 def test_it_runs_before_anything_is_installed():

@@ -36,13 +36,15 @@ def test_outputs_are_clean(path):
             assert output.get("name") != "stderr", output
             assert output["output_type"] != "error"
             assert "image/svg+xml" not in output.get("data", {})
-    assert not re.search(r'(?<![\w.])/(?:root|home|tmp|work|Users)/', path.read_text()), "a path of a machine"
+    assert not re.search(r"(?<![\w.])/(?:root|home|tmp|work|Users)/", path.read_text()), "a path of a machine"
     assert path.stat().st_size < 4e6
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=IDS)
 def test_few_outputs_are_ignored_and_each_says_why(path):
-    ignored = [c for c in cells(path) if set(c["metadata"].get("tags", [])) & {"nbval-ignore-output", "nbval-skip"}]
+    ignored = [
+        c for c in cells(path) if set(c["metadata"].get("tags", [])) & {"nbval-ignore-output", "nbval-skip"}
+    ]
     ignored += [c for c in cells(path) if "NBVAL_" in "".join(c["source"])]
     assert len(ignored) <= 2
     for cell in ignored:
@@ -56,8 +58,14 @@ def test_the_readme_lists_it(path):
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=IDS)
 def test_it_promises_no_fewer_minutes_than_the_readme_says_it_takes(path):
-    promised = re.search(r"\*\*Time\*\* about (\d+) minutes? on two cores", "".join(cells(path, "markdown")[0]["source"]))
-    row = next(line for line in (ROOT / "README.md").read_text().splitlines() if f"({path.parent.name}/{path.name})" in line and line.startswith("|"))
+    promised = re.search(
+        r"\*\*Time\*\* about (\d+) minutes? on two cores", "".join(cells(path, "markdown")[0]["source"])
+    )
+    row = next(
+        line
+        for line in (ROOT / "README.md").read_text().splitlines()
+        if f"({path.parent.name}/{path.name})" in line and line.startswith("|")
+    )
     minutes, memory = re.search(r"\| ([\d.]+) \| ([\d.]+) GB \|$", row).groups()
     assert 0 < float(minutes) <= int(promised.group(1)) and 0 < float(memory) < 4
 
@@ -70,7 +78,11 @@ class _Bare(ast.NodeTransformer):
 
     def _strip(self, node):
         self.generic_visit(node)
-        if node.body and isinstance(node.body[0], ast.Expr) and isinstance(getattr(node.body[0], "value", None), ast.Constant):
+        if (
+            node.body
+            and isinstance(node.body[0], ast.Expr)
+            and isinstance(getattr(node.body[0], "value", None), ast.Constant)
+        ):
             node.body = node.body[1:] or [ast.Pass()]
         return node
 
@@ -100,7 +112,11 @@ def built():
         for cell in cells(path):
             for tag in cell["metadata"].get("tags", []):
                 if tag.startswith("builds:"):
-                    yield pytest.param("".join(cell["source"]), tag[len("builds:") :], id=f"{path.stem[:2]}-{tag.rsplit('.', 1)[1]}")
+                    yield pytest.param(
+                        "".join(cell["source"]),
+                        tag[len("builds:") :],
+                        id=f"{path.stem[:2]}-{tag.rsplit('.', 1)[1]}",
+                    )
 
 
 @pytest.mark.parametrize(("source", "name"), list(built()))
@@ -116,12 +132,24 @@ def test_what_a_notebook_builds_is_what_the_package_holds(source, name):
 OF_THE_SAME_NAME = {
     ("01_dataset", "describe"): "of a flight's geometry; the package describes data sets",
     ("03_keypoint_encoder", "look"): "a look inside the encoder; the package looks up colours",
-    ("03_keypoint_encoder", "fit"): "the shortest loop that trains an encoder on stored features; notebook 07 builds towards the package's",
+    (
+        "03_keypoint_encoder",
+        "fit",
+    ): "the shortest loop that trains an encoder on stored features; notebook 07 builds towards the package's",
     ("04_cls_classifier", "fit"): "as in notebook 03",
-    ("04_cls_classifier", "measure"): "two numbers on stored features; notebook 08 explains the package's twelve",
-    ("08_evaluation_baselines", "difference"): "of two methods with one seed; notebook 09 explains the seeds, which the package's asks for",
+    (
+        "04_cls_classifier",
+        "measure",
+    ): "two numbers on stored features; notebook 08 explains the package's twelve",
+    (
+        "08_evaluation_baselines",
+        "difference",
+    ): "of two methods with one seed; notebook 09 explains the seeds, which the package's asks for",
     ("08_evaluation_baselines", "medians"): "along an axis of a figure; the package's are of a table",
-    ("08_evaluation_baselines", "smooth"): "in frames and by hand; notebook 11 uses the package's, in seconds and with gaps",
+    (
+        "08_evaluation_baselines",
+        "smooth",
+    ): "in frames and by hand; notebook 11 uses the package's, in seconds and with gaps",
     ("11_sequences_speed", "flights_of"): "of recorded predictions; the package groups pictures",
     ("11_sequences_speed", "title"): "of a row of the speed table",
 }
@@ -131,15 +159,26 @@ def package_names():
     """Every public function and class of the package but the exercises."""
     files = [p for p in (ROOT / "src" / "dronekeypp").rglob("*.py") if "checks" not in p.parts]
     kinds = (ast.FunctionDef, ast.ClassDef)
-    return {n.name for p in files for n in ast.parse(p.read_text()).body if isinstance(n, kinds) and not n.name.startswith("_")}
+    return {
+        n.name
+        for p in files
+        for n in ast.parse(p.read_text()).body
+        if isinstance(n, kinds) and not n.name.startswith("_")
+    }
 
 
 def test_what_has_a_name_of_the_package_is_the_same_or_says_why_not():
     names, found = package_names(), set()
     for path in NOTEBOOKS:
         for cell in cells(path):
-            tagged = {tag.rsplit(".", 1)[1] for tag in cell["metadata"].get("tags", []) if tag.startswith("builds:")}
-            defined = {n.name for n in ast.parse("".join(cell["source"])).body if isinstance(n, (ast.FunctionDef, ast.ClassDef))}
+            tagged = {
+                tag.rsplit(".", 1)[1] for tag in cell["metadata"].get("tags", []) if tag.startswith("builds:")
+            }
+            defined = {
+                n.name
+                for n in ast.parse("".join(cell["source"])).body
+                if isinstance(n, (ast.FunctionDef, ast.ClassDef))
+            }
             found |= {(path.stem, name) for name in defined & names - tagged}
     assert found == set(OF_THE_SAME_NAME)
 

@@ -15,7 +15,15 @@ from dronekeypp.sixdronesyn import own, scenes
 from dronekeypp.sixdronesyn.drones import DRONES, SEVEN
 
 HUBS = [[0.09, 0.11, 0.03], [0.09, -0.11, 0.03], [-0.08, -0.1, 0.03], [-0.08, 0.1, 0.03]]
-RACER = {"name": "Racer", "mesh": "racer.stl", "mesh_unit": "mm", "hubs": HUBS, "propeller_diameter": 0.13, "mass": 0.4, "hull_rgb": [200, 30, 30]}
+RACER = {
+    "name": "Racer",
+    "mesh": "racer.stl",
+    "mesh_unit": "mm",
+    "hubs": HUBS,
+    "propeller_diameter": 0.13,
+    "mass": 0.4,
+    "hull_rgb": [200, 30, 30],
+}
 
 
 ROOT = Path(__file__).parents[1]
@@ -25,7 +33,9 @@ ROOT = Path(__file__).parents[1]
 def folder(tmp_path):
     """A red cross of two beams, in millimetres."""
     arms = [pv.Cube(x_length=300, y_length=24, z_length=20).rotate_z(angle) for angle in (50, -50)]
-    (arms[0] + arms[1]).extract_surface(algorithm="dataset_surface").triangulate().save(tmp_path / "racer.stl")
+    (arms[0] + arms[1]).extract_surface(algorithm="dataset_surface").triangulate().save(
+        tmp_path / "racer.stl"
+    )
     (tmp_path / "racer.json").write_text(json.dumps(RACER))
     return tmp_path
 
@@ -33,7 +43,9 @@ def folder(tmp_path):
 def run(code, folder):
     """Python in a process that knows the drones of `folder`; its output."""
     environment = {**os.environ, "DRONEKEYPP_DRONES": str(folder)}
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, cwd=ROOT)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=environment, cwd=ROOT
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -68,7 +80,13 @@ print(train(root, root.parent / "run", overrides=dict(settings, classes=8, pose=
 def test_it_is_rendered_and_learned(folder, environments, tmp_path):
     root = tmp_path / "set"
     lines = run(GENERATE.format(root=str(root), pictures=str(environments)), folder).splitlines()
-    assert lines == ["24 ['Racer']", "12 6", "True", "drone number 8 is in the data, and there are 7 classes: --set classes=8", "best"]
+    assert lines == [
+        "24 ['Racer']",
+        "12 6",
+        "True",
+        "drone number 8 is in the data, and there are 7 classes: --set classes=8",
+        "best",
+    ]
     info = json.loads((root / "models" / "models_info.json").read_text())["8"]
     assert info["name"] == "Racer" and np.allclose(np.array(info["keypoints"]) / 1000, HUBS)
 
@@ -85,7 +103,12 @@ from dronekeypp.train import train
 settings = dict(layers=1, width=16, heads=1, ffn=16, image_size=64, epochs=1, frames=64, val_frames=64, backbone_weights=None)
 print(train("data_samples/crops", OUT, overrides=settings, progress=False).name)
 """
-    assert run(code.replace("OUT", repr(str(folder / "run"))), folder).split() == ["True", "True", "True", "best"]
+    assert run(code.replace("OUT", repr(str(folder / "run"))), folder).split() == [
+        "True",
+        "True",
+        "True",
+        "best",
+    ]
 
 
 def test_it_changes_no_frame_of_the_seven(folder):

@@ -63,7 +63,9 @@ def test_twice_as_large_is_twice_as_far():
 def test_a_view_of_an_array_and_a_camera_with_skew():
     R, t = random_pose(np.random.default_rng(4))
     skewed = K + [[0, 80.0, 0], [0, 0, 0], [0, 0, 0]]
-    seen = np.column_stack([project(HUBS @ R.T + t, skewed), [2, 2, 2, 2]])  # as COCO has keypoints: x, y, visible
+    seen = np.column_stack(
+        [project(HUBS @ R.T + t, skewed), [2, 2, 2, 2]]
+    )  # as COCO has keypoints: x, y, visible
     best = solve_pnp(HUBS, seen[:, :2], skewed)[0]
     np.testing.assert_allclose(best.t, t, atol=1e-4)
     np.testing.assert_allclose(best.R, R, atol=1e-4)

@@ -15,7 +15,7 @@ from dronekeypp import predict as predict_module
 from dronekeypp.camera import from_crop, to_crop
 from dronekeypp.cli import main
 from dronekeypp.errors import InputError
-from dronekeypp.files import alone
+from dronekeypp.files import lock_folder
 from dronekeypp.footage import Calibration, Footage, Tracker, open_footage, read_boxes, read_camera
 from dronekeypp.model import DroneKeyPP
 from dronekeypp.predict import JOURNAL, POSES, mirror_doubt, predict, read_journal
@@ -51,7 +51,9 @@ def footage(tmp_path_factory, frames):
 def write_camera(path, K, **more):
     """A calibration as OpenCV counts: pixel centres from 0."""
     K = np.asarray(K) - [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
-    path.write_text(json.dumps({"camera_matrix": K.tolist(), "image_width": 1920, "image_height": 1080, **more}))
+    path.write_text(
+        json.dumps({"camera_matrix": K.tolist(), "image_width": 1920, "image_height": 1080, **more})
+    )
 
 
 @pytest.fixture(scope="module")
@@ -69,10 +71,14 @@ def test_the_poses_are_the_networks(footage, frames, tmp_path):
         item = frames[index]
         with torch.inference_mode():
             found = model(item["image"][None], item["K"][None], item["square"][None])
-        assert geodesic_degrees(torch.tensor(pose.R), found["R"][0].double()) < 0.5  # the box is stored with two digits
+        assert (
+            geodesic_degrees(torch.tensor(pose.R), found["R"][0].double()) < 0.5
+        )  # the box is stored with two digits
         np.testing.assert_allclose(pose.t, found["t"][0], atol=0.02)
         np.testing.assert_allclose(pose.keypoints, found["keypoints_px"][0], atol=0.5)
-    errors = [np.linalg.norm(pose.t - frames[index]["t"].numpy()) for pose, index in zip(poses, chosen, strict=True)]
+    errors = [
+        np.linalg.norm(pose.t - frames[index]["t"].numpy()) for pose, index in zip(poses, chosen, strict=True)
+    ]
     assert np.median(errors) < 0.5
     lines = (tmp_path / "out" / POSES).read_text().splitlines()
     assert lines[0] == "scene_id,im_id,obj_id,score,R,t,time" and len(lines) == 8
@@ -90,9 +96,13 @@ def test_a_geometric_network_says_how_sure_it_is_and_is_smoothed_by_it(footage, 
     poses = predict(net, images, camera, tmp_path / "out", boxes=boxes, progress=False)
     claims = np.array([(pose.turn_sigma_deg, pose.shift_sigma_m) for pose in poses])
     assert np.isfinite(claims).all() and (claims > 0).all() and len(np.unique(claims, axis=0)) == 7
-    again = predict(net, images, camera, tmp_path / "out", boxes=boxes, smooth=0.1, progress=False)  # from the journal
+    again = predict(
+        net, images, camera, tmp_path / "out", boxes=boxes, smooth=0.1, progress=False
+    )  # from the journal
     time = np.arange(7) / 30
-    R, t = gaussian(np.stack([p.R for p in poses]), np.stack([p.t for p in poses]), time, 0.1, 1 / np.square(claims))
+    R, t = gaussian(
+        np.stack([p.R for p in poses]), np.stack([p.t for p in poses]), time, 0.1, 1 / np.square(claims)
+    )
     np.testing.assert_allclose([p.t for p in again], t)
     np.testing.assert_allclose([p.R for p in again], R)
 
@@ -106,7 +116,9 @@ def test_doubt_is_what_a_mirror_changes():
         flipped = not torch.equal(image, items["image"])
         pixels = from_crop(items["keypoints"], items["square"])
         if flipped:
-            pixels = torch.stack([2 * K[:, None, 0, 2] - pixels[..., 0], pixels[..., 1]], dim=-1)[:, [1, 0, 3, 2]]
+            pixels = torch.stack([2 * K[:, None, 0, 2] - pixels[..., 0], pixels[..., 1]], dim=-1)[
+                :, [1, 0, 3, 2]
+            ]
         return {"keypoints": to_crop(pixels, square) + (torch.tensor([0.03, 0.04]) if flipped else 0)}
 
     doubt = mirror_doubt(sees, items["image"], items["K"], items["square"], items["keypoints"])
@@ -133,7 +145,9 @@ def test_a_killed_run_goes_on(footage, small, tmp_path, monkeypatch):
     assert len(read_journal(journal)) == 4
     journal.write_text(journal.read_text() + "4,shot_4.jpg,ok,12.")  # half a row
     seen = []
-    monkeypatch.setattr(predict_module, "fill", lambda *arguments: (seen.append(len(arguments[2])), real(*arguments))[1])
+    monkeypatch.setattr(
+        predict_module, "fill", lambda *arguments: (seen.append(len(arguments[2])), real(*arguments))[1]
+    )
     poses = predict(small, images, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=False)
     assert sum(seen) == 3  # only what was missing
     for a, b in zip(whole, poses, strict=True):
@@ -149,7 +163,9 @@ def test_a_run_killed_before_its_first_row_goes_on(footage, small, tmp_path, mon
     with pytest.raises(KeyboardInterrupt):
         predict(small, images, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=False)
     monkeypatch.setattr(predict_module, "fill", real)
-    assert len(predict(small, images, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=False)) == 7
+    assert (
+        len(predict(small, images, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=False)) == 7
+    )
 
 
 def test_a_mended_input_is_taken(footage, small, tmp_path):
@@ -159,10 +175,15 @@ def test_a_mended_input_is_taken(footage, small, tmp_path):
     with pytest.raises(InputError, match="line 2: not a frame"):
         predict(small, images, camera, tmp_path / "out", boxes=mine, overlay=False, progress=False)
     mine.write_text(boxes.read_text())
-    assert len(predict(small, images, camera, tmp_path / "out", boxes=mine, overlay=False, progress=False)) == 7
+    assert (
+        len(predict(small, images, camera, tmp_path / "out", boxes=mine, overlay=False, progress=False)) == 7
+    )
 
 
-@pytest.mark.parametrize("box", [(5000, 5000, 10, 10), (10, 10, 0, 0), (10, 10, -5, 5), (float("nan"), 1, 2, 3), (1919.6, 10, 60, 60)])
+@pytest.mark.parametrize(
+    "box",
+    [(5000, 5000, 10, 10), (10, 10, 0, 0), (10, 10, -5, 5), (float("nan"), 1, 2, 3), (1919.6, 10, 60, 60)],
+)
 def test_a_bad_first_box(footage, small, tmp_path, box):
     images, camera, _, _ = footage
     with pytest.raises(InputError, match="box"):
@@ -171,9 +192,18 @@ def test_a_bad_first_box(footage, small, tmp_path, box):
 
 def test_a_drone_that_straightening_cuts_off_has_no_pose(small, tmp_path):
     cv2.imwrite(str(tmp_path / "shot.png"), np.zeros((240, 320, 3), np.uint8))
-    (tmp_path / "camera.json").write_text('{"cameraMatrix": [[300, 0, 160], [0, 300, 120], [0, 0, 1]], "distCoeffs": [-0.3, 0.1, 0, 0]}')
+    (tmp_path / "camera.json").write_text(
+        '{"cameraMatrix": [[300, 0, 160], [0, 300, 120], [0, 0, 1]], "distCoeffs": [-0.3, 0.1, 0, 0]}'
+    )
     with pytest.raises(InputError, match="outside the undistorted frame"):
-        predict(small, tmp_path / "shot.png", tmp_path / "camera.json", tmp_path / "out", box=(300, 2, 18, 12), progress=False)
+        predict(
+            small,
+            tmp_path / "shot.png",
+            tmp_path / "camera.json",
+            tmp_path / "out",
+            box=(300, 2, 18, 12),
+            progress=False,
+        )
 
 
 def test_a_broken_frame_is_told_and_passed_over(footage, small, tmp_path):
@@ -187,7 +217,15 @@ def test_a_broken_frame_is_told_and_passed_over(footage, small, tmp_path):
     poses = predict(small, folder, camera, tmp_path / "out", boxes=few, smooth=0.05, progress=False)
     assert [pose.frame for pose in poses] == [0, 1, 3, 6]
     status = [row["status"] for row in read_journal(tmp_path / "out" / JOURNAL)]
-    assert status == ["ok", "ok", "cannot be read", "ok", "is 200x100, the first frame 1920x1080", "no box", "ok"]
+    assert status == [
+        "ok",
+        "ok",
+        "cannot be read",
+        "ok",
+        "is 200x100, the first frame 1920x1080",
+        "no box",
+        "ok",
+    ]
     assert len(open_footage(tmp_path / "out" / "overlay.mp4").names) == 5
 
 
@@ -195,10 +233,13 @@ def test_a_folder_is_told_how_fast_it_was_taken(footage, small, tmp_path):
     images, camera, boxes, _ = footage
     given = dict(boxes=boxes, overlay=False, progress=False)
     raw, slow, fast = (
-        predict(small, images, camera, tmp_path / "out", smooth=smooth, rate=rate, **given) for smooth, rate in ((0.0, 30), (0.05, 1), (0.05, 900))
+        predict(small, images, camera, tmp_path / "out", smooth=smooth, rate=rate, **given)
+        for smooth, rate in ((0.0, 30), (0.05, 1), (0.05, 900))
     )
     spread = [np.ptp([pose.t for pose in poses], axis=0).max() for poses in (raw, slow, fast)]
-    np.testing.assert_allclose([pose.t for pose in slow], [pose.t for pose in raw])  # a second apart: no neighbour near
+    np.testing.assert_allclose(
+        [pose.t for pose in slow], [pose.t for pose in raw]
+    )  # a second apart: no neighbour near
     assert spread[2] < spread[0]
     with pytest.raises(InputError, match="--rate 0: frames a second, above 0"):
         predict(small, images, camera, tmp_path / "out", rate=0, **given)
@@ -216,7 +257,9 @@ def video(tmp_path_factory):
         image[100:140, 80 + 4 * i : 140 + 4 * i] = target
         writer.write(image)
     writer.release()
-    write_camera(root / "camera.json", [[300.0, 0, 160], [0, 300, 120], [0, 0, 1]], image_width=320, image_height=240)
+    write_camera(
+        root / "camera.json", [[300.0, 0, 160], [0, 300, 120], [0, 0, 1]], image_width=320, image_height=240
+    )
     return root / "video.avi", root / "camera.json"
 
 
@@ -232,10 +275,26 @@ def test_a_video_and_a_box_in_its_first_frame(video, small, tmp_path, monkeypatc
     assert len(poses) == 12 and np.array_equal(poses[0].box, [80, 100, 60, 40])
     journal = tmp_path / "out" / JOURNAL  # killed after five frames, the tracker goes on where it was
     journal.write_text("".join(journal.read_text().splitlines(keepends=True)[:6]))
-    again = predict(small, path, camera, tmp_path / "out", box=(80, 100, 60, 40), overlay=False, progress=False)
+    again = predict(
+        small, path, camera, tmp_path / "out", box=(80, 100, 60, 40), overlay=False, progress=False
+    )
     np.testing.assert_array_equal([pose.box for pose in again], [pose.box for pose in poses])
     monkeypatch.setattr(predict_module, "carry", None)  # nothing is left to track
-    assert len(predict(small, path, camera, tmp_path / "out", box=(80, 100, 60, 40), smooth=0.1, overlay=False, progress=False)) == 12
+    assert (
+        len(
+            predict(
+                small,
+                path,
+                camera,
+                tmp_path / "out",
+                box=(80, 100, 60, 40),
+                smooth=0.1,
+                overlay=False,
+                progress=False,
+            )
+        )
+        == 12
+    )
 
 
 def test_a_video_whose_header_counts_wrong(video, tmp_path):
@@ -264,7 +323,12 @@ def test_a_film_that_could_not_be_written_whole_is_told(video, small, tmp_path, 
     monkeypatch.setattr(cv2, "VideoWriter", FullDisk)
     with pytest.raises(InputError, match="could not be written whole; is the disk full"):
         predict(small, *video, tmp_path / "out", box=(80, 100, 60, 40), progress=False)
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["frames.csv", "poses.csv", "settings.json", "trajectory.png"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        "frames.csv",
+        "poses.csv",
+        "settings.json",
+        "trajectory.png",
+    ]
 
 
 def test_what_is_not_ours_is_left_alone(footage, small, tmp_path):
@@ -312,14 +376,21 @@ def test_rows_that_cannot_be_read_are_made_again(footage, small, tmp_path):
 def test_two_processes_may_not_write_one_run(footage, small, tmp_path):
     images, camera, boxes, _ = footage
     (tmp_path / "out").mkdir()
-    with alone(tmp_path / "out"), pytest.raises(InputError, match="another process is at work"):
+    with lock_folder(tmp_path / "out"), pytest.raises(InputError, match="another process is at work"):
         predict(small, images, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=False)
 
 
 def test_a_flight_of_the_data_set_is_footage(small, frames, tmp_path):
     """Its own camera file, and the COCO file of the whole data set, in which every flight has a 000000.jpg."""
     flight = frames.folders[4]
-    poses = predict(small, flight / "rgb", flight / "scene_camera.json", tmp_path / "out", boxes=frames.root / "coco_test.json", progress=False)
+    poses = predict(
+        small,
+        flight / "rgb",
+        flight / "scene_camera.json",
+        tmp_path / "out",
+        boxes=frames.root / "coco_test.json",
+        progress=False,
+    )
     np.testing.assert_allclose(poses[0].box, frames.frames[4].box, atol=0.01)
     np.testing.assert_array_equal(read_camera(flight / "scene_camera.json").K, frames.frames[4].K)
     with pytest.raises(InputError, match="21 images could be"):
@@ -333,10 +404,17 @@ def test_coco_sets_of_several_videos(tmp_path):
     """Frames of a video lie as in a folder of its name; ids may be long; an absolute name counts; a sliver of a box does not."""
     ids = (-9223372036854775801, 18446744073709551611, 5.0, 7)
     names = ("v1/000000.jpg", "v2/000000.jpg", f"{tmp_path}/v2/000001.jpg", "v1/000001.jpg")
-    entries = [{"image_id": i, "bbox": [10 * n, 20, 30, 40]} for n, i in enumerate(ids, 1)] + [{"image_id": ids[1], "bbox": [99.5, 20, 0.5, 40]}]
-    coco = {"images": [{"id": i, "file_name": name} for i, name in zip(ids, names, strict=True)], "annotations": entries}
+    entries = [{"image_id": i, "bbox": [10 * n, 20, 30, 40]} for n, i in enumerate(ids, 1)] + [
+        {"image_id": ids[1], "bbox": [99.5, 20, 0.5, 40]}
+    ]
+    coco = {
+        "images": [{"id": i, "file_name": name} for i, name in zip(ids, names, strict=True)],
+        "annotations": entries,
+    }
     (tmp_path / "coco.json").write_text(json.dumps(coco))
-    found = read_boxes(tmp_path / "coco.json", ("000000", "000001"), 200, 100, Footage(tmp_path / "v2.mp4", (), None).folder)
+    found = read_boxes(
+        tmp_path / "coco.json", ("000000", "000001"), 200, 100, Footage(tmp_path / "v2.mp4", (), None).folder
+    )
     assert {frame: box[0] for frame, box in found.items()} == {0: 20, 1: 30}
 
 
@@ -350,7 +428,15 @@ def test_a_bad_smoothing(footage, small, tmp_path, smooth):
 def test_one_image_from_the_command_line(footage, small, tmp_path, capsys, monkeypatch):
     images, camera, _, _ = footage
     (tmp_path / "shot_0.txt").write_text("0 0.5 0.5 0.1 0.1\n")
-    command = ["predict", str(small), str(images / "shot_0.jpg"), "--camera", str(camera), "--out", str(tmp_path / "out")]
+    command = [
+        "predict",
+        str(small),
+        str(images / "shot_0.jpg"),
+        "--camera",
+        str(camera),
+        "--out",
+        str(tmp_path / "out"),
+    ]
     assert main([*command, "--boxes", str(tmp_path / "shot_0.txt")]) == 0
     assert "1 poses of 1 frames" in capsys.readouterr().out
     assert cv2.imread(str(tmp_path / "out" / "overlay.png")).shape == (1080, 1920, 3)
@@ -365,31 +451,44 @@ def test_numbered_names(tmp_path):
         cv2.imwrite(str(tmp_path / name), np.zeros((8, 8, 3), np.uint8))
     names = open_footage(tmp_path).names
     assert names == ("1.jpg", "2.jpg", "10.jpg")  # as people count
-    (tmp_path / "numbers.csv").write_text("\ufeffframe,x,y,w,h\n0,1,1,2,2\n1,2,1,2,2\n2,3,1,2,2\n", encoding="utf-8")
+    (tmp_path / "numbers.csv").write_text(
+        "\ufeffframe,x,y,w,h\n0,1,1,2,2\n1,2,1,2,2\n2,3,1,2,2\n", encoding="utf-8"
+    )
     (tmp_path / "names.csv").write_text("frame,x,y,w,h\n1,1,1,2,2\n2,2,1,2,2\n10,3,1,2,2\n")
     for name in ("numbers.csv", "names.csv"):
         assert [box[0] for box in read_boxes(tmp_path / name, names, 8, 8).values()] == [1, 2, 3], name
 
 
 def test_a_detectors_labels_of_a_video(tmp_path):
-    (tmp_path / "flight_1.txt").write_text("0 0.5 0.5 0.2 0.2 0.9 1\n0 0.1 0.1 0.2 0.2 0.3 9\n")  # class, box, confidence, track
-    (tmp_path / "flight_3.txt").write_text("0 0.5 0.5 0.2 0.2 0.1 0.2 0.9 0.3 0.4 0.1\n")  # class, box, keypoints
+    (tmp_path / "flight_1.txt").write_text(
+        "0 0.5 0.5 0.2 0.2 0.9 1\n0 0.1 0.1 0.2 0.2 0.3 9\n"
+    )  # class, box, confidence, track
+    (tmp_path / "flight_3.txt").write_text(
+        "0 0.5 0.5 0.2 0.2 0.1 0.2 0.9 0.3 0.4 0.1\n"
+    )  # class, box, keypoints
     found = read_boxes(tmp_path, ("000000", "000001", "000002"), 100, 100)
     assert sorted(found) == [0, 2] and found[0].tolist() == pytest.approx([40, 40, 20, 20])
 
 
 def test_every_format_of_boxes_says_the_same(tmp_path):
     names = ("a.jpg", "b.jpg", "c.jpg")
-    (tmp_path / "boxes.csv").write_text("frame,x,y,w,h,score\na.jpg,10,20,30,40,0.5\na.jpg,1,2,3,4,0.4\nc.jpg,50,60,20,10,0.9\n")
+    (tmp_path / "boxes.csv").write_text(
+        "frame,x,y,w,h,score\na.jpg,10,20,30,40,0.5\na.jpg,1,2,3,4,0.4\nc.jpg,50,60,20,10,0.9\n"
+    )
     (tmp_path / "mot.txt").write_text("1,7,10,20,30,40,0.9,-1,-1,-1\n3,7,50,60,20,10,0.9,-1,-1,-1\n")
     (tmp_path / "yolo").mkdir()
     (tmp_path / "yolo" / "a.txt").write_text("0 0.125 0.4 0.15 0.4 0.9\n0 0.5 0.5 0.1 0.1 0.2\n")
     (tmp_path / "yolo" / "c.txt").write_text("0 0.3 0.65 0.1 0.1\n")
     (tmp_path / "yolo" / "classes.txt").write_text("drone\n")  # labelImg writes one
     entries = [{"image_id": 5, "bbox": [10, 20, 30, 40]}, {"image_id": 9, "bbox": [50, 60, 20, 10]}]
-    coco = {"images": [{"id": 5, "file_name": "x/a.jpg"}, {"id": 9, "file_name": "c.jpg"}], "annotations": entries}
+    coco = {
+        "images": [{"id": 5, "file_name": "x/a.jpg"}, {"id": 9, "file_name": "c.jpg"}],
+        "annotations": entries,
+    }
     (tmp_path / "coco.json").write_text(json.dumps(coco))
-    by_number = [{**entry, "image_id": frame, "score": 0.7} for entry, frame in zip(entries, ("a", 2), strict=True)]
+    by_number = [
+        {**entry, "image_id": frame, "score": 0.7} for entry, frame in zip(entries, ("a", 2), strict=True)
+    ]
     (tmp_path / "detections.json").write_text(json.dumps(by_number))
     for name in ("boxes.csv", "mot.txt", "yolo", "coco.json", "detections.json"):
         found = read_boxes(tmp_path / name, names, 200, 100)
@@ -436,7 +535,9 @@ def test_opencvs_own_calibration_files(tmp_path):
         assert found.size == (1280, 720) and len(found.distortion) == 5
     half = found.for_frames(640, 360)
     np.testing.assert_allclose(half.K[:2], found.K[:2] / 2)
-    np.testing.assert_allclose(found.for_frames(854, 480).K[0, 0], 1000 * 854 / 1280)  # 480p: a third of a pixel off
+    np.testing.assert_allclose(
+        found.for_frames(854, 480).K[0, 0], 1000 * 854 / 1280
+    )  # 480p: a third of a pixel off
     with pytest.raises(InputError, match="not the same shape"):
         found.for_frames(640, 480)
     with pytest.raises(InputError, match="a focal length of 0.9 pixels"):
@@ -483,7 +584,12 @@ def test_bad_footage(footage, small, tmp_path):
     (tmp_path / "broken.mp4").write_bytes(b"no video")
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "mine.txt").write_text("keep me")
-    bad = {"empty": "no image in this folder", "text.md": "neither an image", "broken.mp4": "cannot be opened", "no.mp4": "not found"}
+    bad = {
+        "empty": "no image in this folder",
+        "text.md": "neither an image",
+        "broken.mp4": "cannot be opened",
+        "no.mp4": "not found",
+    }
     for path, match in bad.items():
         with pytest.raises(InputError, match=match):
             open_footage(tmp_path / path)

@@ -36,7 +36,9 @@ def test_a_level_drone_flying_away_has_yaw_zero():
 def test_6d_round_trip_and_orthonormal():
     R = random_rotations()
     np.testing.assert_allclose(rotations.matrix_from_6d(rotations.matrix_to_6d(R)), R, atol=1e-9)
-    made = rotations.matrix_from_6d(torch.randn(50, 6, generator=torch.Generator().manual_seed(0), dtype=torch.float64))
+    made = rotations.matrix_from_6d(
+        torch.randn(50, 6, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    )
     rotations.check_rotation(made)
 
 
@@ -51,12 +53,17 @@ def test_towards_is_the_smallest_turn_to_a_ray():
     rotations.check_rotation(R)
     unit = ray / ray.norm(dim=-1, keepdim=True)
     torch.testing.assert_close(R[:, :, 2], unit)
-    torch.testing.assert_close(rotations.geodesic_degrees(R, torch.eye(3, dtype=torch.double).expand(3, 3, 3)), torch.rad2deg(unit[:, 2].acos()))
+    torch.testing.assert_close(
+        rotations.geodesic_degrees(R, torch.eye(3, dtype=torch.double).expand(3, 3, 3)),
+        torch.rad2deg(unit[:, 2].acos()),
+    )
 
 
 def test_geodesic_agrees_with_scipy():
     A, B = random_rotations(seed=1), random_rotations(seed=2)
-    expected = np.degrees((Rotation.from_matrix(A.numpy()).inv() * Rotation.from_matrix(B.numpy())).magnitude())
+    expected = np.degrees(
+        (Rotation.from_matrix(A.numpy()).inv() * Rotation.from_matrix(B.numpy())).magnitude()
+    )
     np.testing.assert_allclose(rotations.geodesic_degrees(A, B), expected, atol=1e-6)
 
 

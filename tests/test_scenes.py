@@ -12,7 +12,12 @@ def test_table_2():
     assert len(ALL) == 13 * 21
     groups = [range(1, 4), range(4, 7), range(7, 10), range(10, 14)]
     assert [scenes.count_frames(list(g)) for g in groups] == [7560, 7560, 7560, 30_240]
-    assert [{scenes.SCENES[n].motion for n in g} for g in groups] == [{"linear"}, {"non-linear"}, {"linear"}, {"non-linear"}]
+    assert [{scenes.SCENES[n].motion for n in g} for g in groups] == [
+        {"linear"},
+        {"non-linear"},
+        {"linear"},
+        {"non-linear"},
+    ]
 
 
 def test_splits():
@@ -104,6 +109,8 @@ def test_headings_are_free_of_the_direction_of_travel():
         f = scenes.fly(s)
         way = np.gradient(f.world_t, axis=0)[:, :2]
         nose = f.world_R[:, :2, 0]
-        off.append(np.degrees(np.arctan2(way[:, 0] * nose[:, 1] - way[:, 1] * nose[:, 0], (way * nose).sum(1))) % 360)
+        off.append(
+            np.degrees(np.arctan2(way[:, 0] * nose[:, 1] - way[:, 1] * nose[:, 0], (way * nose).sum(1))) % 360
+        )
     share = np.histogram(np.concatenate(off), bins=8, range=(0, 360))[0] / sum(map(len, off))
     assert share.min() > 0.06 and share.max() < 0.2

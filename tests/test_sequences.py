@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dronekeypp.errors import InputError
-from dronekeypp.sequences import LiveFilter, filtered, flights, gaussian, sureness
+from dronekeypp.sequences import LiveFilter, filtered, flights, gaussian, inverse_variances
 
 RATE = 30.0  # frames a second
 
@@ -22,7 +22,9 @@ def noisy(R, t, seed=0, turn=0.15, place=0.15, flips=0.0):
     """Measured: rotations off by `turn` radians, positions by `place` metres, a share `flips` of headings the wrong way round."""
     rng = np.random.default_rng(seed)
     flipped = np.where(rng.random(len(t)) < flips, np.pi, 0.0)
-    wrong = Rotation.from_rotvec(rng.normal(0, turn, (len(t), 3))) * Rotation.from_euler("Z", flipped[:, None])
+    wrong = Rotation.from_rotvec(rng.normal(0, turn, (len(t), 3))) * Rotation.from_euler(
+        "Z", flipped[:, None]
+    )
     return (Rotation.from_matrix(R) * wrong).as_matrix(), t + rng.normal(0, place, t.shape)
 
 
@@ -57,7 +59,7 @@ def test_a_rotation_and_a_translation_may_be_trusted_differently():
     even_R, even_t = gaussian(R, t, time, sigma=1e6, weights=[[1, 0], [1, 1], [0, 1]])
     assert np.degrees(Rotation.from_matrix(even_R[0]).as_euler("ZYX")[0]) == pytest.approx(10)
     np.testing.assert_allclose(even_t[0], [0, 0, 3.5], atol=1e-9)
-    np.testing.assert_allclose(sureness(np.diag([0.01, 0.04, 0.05, 1, 1, 2])[None]), [[10, 0.25]])
+    np.testing.assert_allclose(inverse_variances(np.diag([0.01, 0.04, 0.05, 1, 1, 2])[None]), [[10, 0.25]])
 
 
 def uneven(seed):
@@ -65,7 +67,10 @@ def uneven(seed):
     R, t, time = true_flight()
     bad = np.arange(len(time)) % 3 == 0
     fine, rough = noisy(R, t, seed, turn=0.05, place=0.05), noisy(R, t, seed + 100, turn=0.5, place=0.5)
-    measured = [np.where(bad.reshape(-1, *[1] * (one.ndim - 1)), two, one) for one, two in zip(fine, rough, strict=True)]
+    measured = [
+        np.where(bad.reshape(-1, *[1] * (one.ndim - 1)), two, one)
+        for one, two in zip(fine, rough, strict=True)
+    ]
     return measured, np.where(bad, 0.25, 0.0025)[:, None, None] * np.eye(6), (R, t, time)
 
 
@@ -74,7 +79,9 @@ def test_a_covariance_that_is_right_is_worth_something():
     ratios = []
     for seed in range(3):
         measured, covariance, (R, t, time) = uneven(seed)
-        plain, told = (errors(*gaussian(*measured, time, 0.1, w), R, t) for w in (None, sureness(covariance)))
+        plain, told = (
+            errors(*gaussian(*measured, time, 0.1, w), R, t) for w in (None, inverse_variances(covariance))
+        )
         alike, aware = (errors(*filtered(*measured, time, None, c), R, t) for c in (None, covariance))
         ratios.append([np.divide(told, plain), np.divide(aware, alike)])
     told, aware = np.mean(ratios, axis=0)
@@ -83,18 +90,26 @@ def test_a_covariance_that_is_right_is_worth_something():
 
 def test_the_covariance_of_a_turn_is_in_camera_axes():
     """Sure about the camera's x axis alone: of a turn about it the filter takes over more than of a turn about the others."""
-    start = np.eye(3)[[1, 2, 0]]  # the camera's x axis is the body's y, its y the body's z, its z the body's x
-    R = np.stack([start] * 30 + [(Rotation.from_rotvec([0.1, 0.1, 0.0]) * Rotation.from_matrix(start)).as_matrix()])
+    start = np.eye(3)[
+        [1, 2, 0]
+    ]  # the camera's x axis is the body's y, its y the body's z, its z the body's x
+    R = np.stack(
+        [start] * 30 + [(Rotation.from_rotvec([0.1, 0.1, 0.0]) * Rotation.from_matrix(start)).as_matrix()]
+    )
     covariance = np.tile(np.diag([1e-4, 1.0, 1.0, 1, 1, 1]), (31, 1, 1))
     covariance[:-1] = 0.01 * np.eye(6)
-    turned = Rotation.from_matrix(filtered(R, np.tile([0.0, 0, 3], (31, 1)), np.arange(31) / RATE, None, covariance)[0][-1] @ start.T).as_rotvec()
+    turned = Rotation.from_matrix(
+        filtered(R, np.tile([0.0, 0, 3], (31, 1)), np.arange(31) / RATE, None, covariance)[0][-1] @ start.T
+    ).as_rotvec()
     assert turned[0] > 0.08 and abs(turned[1]) < 0.02
 
 
 def test_far_neighbours_count_for_nothing():
     R, t, time = true_flight()
     near = np.exp(-np.square(time[:, None] - time[None]) / (2 * 0.05**2))
-    np.testing.assert_allclose(gaussian(R, t, time, sigma=0.05)[1], near @ t / near.sum(axis=1, keepdims=True), atol=1e-6)
+    np.testing.assert_allclose(
+        gaussian(R, t, time, sigma=0.05)[1], near @ t / near.sum(axis=1, keepdims=True), atol=1e-6
+    )
 
 
 def test_nothing_crosses_a_gap():
@@ -135,7 +150,10 @@ def test_the_live_filter_knows_no_future():
 def test_flips_are_passed_over_and_a_lasting_change_is_believed():
     R, t, time = true_flight()
     R_measured, t_measured = noisy(R, t, flips=0.1)
-    before, after = errors(R_measured, t_measured, R, t), errors(*filtered(R_measured, t_measured, time), R, t)
+    before, after = (
+        errors(R_measured, t_measured, R, t),
+        errors(*filtered(R_measured, t_measured, time), R, t),
+    )
     assert before[0] > 20 and after[0] < 10
     live = LiveFilter()
     for i in range(60):  # after two seconds the drone is somewhere else, and stays there

@@ -48,13 +48,17 @@ def test_sixteen_frames_are_memorised(rotation):
     """
     dataset = next(iter(torch.utils.data.DataLoader(FakeDrones(16, yaw=150), batch_size=16)))
     torch.manual_seed(0)
-    model = DroneKeyPP(ModelConfig(**tiny(width=32, ffn=64, decoder_width=128, rays="split", rotation=rotation)))
+    model = DroneKeyPP(
+        ModelConfig(**tiny(width=32, ffn=64, decoder_width=128, rays="split", rotation=rotation))
+    )
     model.fit_rays([dataset])
     optimiser = torch.optim.Adam(model.parameters())
     steps = 200
     for step in range(steps):
         optimiser.param_groups[0]["lr"] = 2e-3 * min(1, (step + 1) / 20, 2 * (1 - step / steps))
-        terms = loss_terms(model(dataset["image"], dataset["K"], dataset["square"]), dataset, keypoint_unit=10)
+        terms = loss_terms(
+            model(dataset["image"], dataset["K"], dataset["square"]), dataset, keypoint_unit=10
+        )
         if step == 0:
             first = {name: value.item() for name, value in terms.items()}
         optimiser.zero_grad()
@@ -72,13 +76,25 @@ def test_a_run_folder_and_its_history(tmp_path):
     rows = list(csv.DictReader(open(tmp_path / "run" / "metrics.csv")))
     assert [row["epoch"] for row in rows] == ["1", "2", "3"]
     wanted = [f"{part}_{name}" for part in ("train", "val") for name in (*TERMS, "total")]
-    wanted += ["lr", "seconds", "score", "val_R_medae_deg", "val_t_medae_m", "val_class_accuracy", "val_keypoint_px"]
+    wanted += [
+        "lr",
+        "seconds",
+        "score",
+        "val_R_medae_deg",
+        "val_t_medae_m",
+        "val_class_accuracy",
+        "val_keypoint_px",
+    ]
     assert set(wanted) <= set(rows[0])
     model = DroneKeyPP.from_pretrained(best)
     score = train.validate(model, FakeDrones(9, seed=1), settings())["score"]
     assert score == pytest.approx(min(float(row["score"]) for row in rows), rel=1e-4)
     config = json.loads((tmp_path / "run" / "config.json").read_text())
-    assert config["train"]["seed"] == 3 and config["model"]["layers"] == 2 and config["data"]["train_frames"] == 24
+    assert (
+        config["train"]["seed"] == 3
+        and config["model"]["layers"] == 2
+        and config["data"]["train_frames"] == 24
+    )
 
 
 def test_fit_in_memory_tells_every_epoch():
@@ -86,7 +102,13 @@ def test_fit_in_memory_tells_every_epoch():
     torch.manual_seed(0)
     dataset = FakeDrones(16)
     model = DroneKeyPP(ModelConfig(**tiny()))
-    history = train.fit(model, dataset, FakeDrones(8, seed=1), settings(), lambda state: seen.append(state.history[-1]["epoch"]))
+    history = train.fit(
+        model,
+        dataset,
+        FakeDrones(8, seed=1),
+        settings(),
+        lambda state: seen.append(state.history[-1]["epoch"]),
+    )
     assert seen == [1, 2, 3] and len(history) == 3 and dataset.epoch == 2
     assert history[-1]["lr"] < history[0]["lr"]
 
@@ -94,7 +116,12 @@ def test_fit_in_memory_tells_every_epoch():
 @pytest.mark.parametrize("schedule", ["tanh", "shifted", "biased"])
 def test_schedules_and_truth_train(schedule):
     model = DroneKeyPP(ModelConfig(**tiny(encoder="truth", rays="split")))
-    history = train.fit(model, FakeDrones(64), FakeDrones(8, seed=1), settings(schedule=schedule, clip=1, warmup=2, max_minutes=1e-9))
+    history = train.fit(
+        model,
+        FakeDrones(64),
+        FakeDrones(8, seed=1),
+        settings(schedule=schedule, clip=1, warmup=2, max_minutes=1e-9),
+    )
     assert len(history) == 1 and history[0]["train_L_2D"] == 0  # max_minutes stopped it after one epoch
 
 
@@ -111,15 +138,28 @@ class OnlyPlace(PoseNetwork):
         return {"t": self.linear(square / 1000)} if self.config.use_3d else {}
 
     def losses(self, output, batch, keypoint_unit):
-        return {"L_trans": (output["t"] - batch["t"]).square().mean() if output else self.linear.weight.square().sum()}
+        return {
+            "L_trans": (output["t"] - batch["t"]).square().mean()
+            if output
+            else self.linear.weight.square().sum()
+        }
 
 
 def test_a_network_of_ones_own_may_predict_a_part(tmp_path):
     configs = ModelConfig(**tiny()), settings()
-    best = train.train_on(FakeDrones(24), FakeDrones(9, seed=1), tmp_path / "run", *configs, network=OnlyPlace)
+    best = train.train_on(
+        FakeDrones(24), FakeDrones(9, seed=1), tmp_path / "run", *configs, network=OnlyPlace
+    )
     assert OnlyPlace.from_pretrained(best).config == configs[0]
     with pytest.raises(InputError, match="is judged by its pose and predicts none"):
-        train.train_on(FakeDrones(24), FakeDrones(9), tmp_path / "none", ModelConfig(**tiny(use_3d=False)), settings(), network=OnlyPlace)
+        train.train_on(
+            FakeDrones(24),
+            FakeDrones(9),
+            tmp_path / "none",
+            ModelConfig(**tiny(use_3d=False)),
+            settings(),
+            network=OnlyPlace,
+        )
 
 
 def test_a_part_of_a_set_is_augmented_anew_every_epoch():
@@ -143,7 +183,9 @@ def test_resuming_gives_the_same_bits(tmp_path):
     torch.rand(7)  # the state of the global generator must not matter
     start(tmp_path / "parts", model=model, changes=changes, resume=True)
     assert same(tmp_path / "whole" / "last.safetensors", tmp_path / "parts" / "last.safetensors")
-    assert same(tmp_path / "whole" / "best" / "model.safetensors", tmp_path / "parts" / "best" / "model.safetensors")
+    assert same(
+        tmp_path / "whole" / "best" / "model.safetensors", tmp_path / "parts" / "best" / "model.safetensors"
+    )
     rows = [[{k: v for k, v in row.items() if k != "seconds"} for row in csv.DictReader(open(tmp_path / name / "metrics.csv"))]
             for name in ("whole", "parts")]  # fmt: skip
     assert rows[0] == rows[1] and len(rows[0]) == 3
@@ -171,9 +213,13 @@ def script(out, kill=False, resume=False, epochs=3):
 
 
 def test_a_killed_process_resumes(tmp_path):
-    killed = subprocess.run([sys.executable, "-c", script(tmp_path / "run", kill=True)], capture_output=True, text=True)
+    killed = subprocess.run(
+        [sys.executable, "-c", script(tmp_path / "run", kill=True)], capture_output=True, text=True
+    )
     assert killed.returncode == -9, killed.stderr
-    (tmp_path / "run" / ".last.safetensors.1.tmp").write_bytes(b"half")  # as if the kill had come while writing
+    (tmp_path / "run" / ".last.safetensors.1.tmp").write_bytes(
+        b"half"
+    )  # as if the kill had come while writing
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -189,7 +235,15 @@ def test_two_processes_train_together(tmp_path):
     """torchrun with gloo. Slow: three interpreters import torch."""
     (tmp_path / "job.py").write_text(script(tmp_path / "run", epochs=1))
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OMP_WAIT_POLICY": "PASSIVE"}
-    command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", str(tmp_path / "job.py")]
+    command = [
+        sys.executable,
+        "-m",
+        "torch.distributed.run",
+        "--standalone",
+        "--nproc-per-node",
+        "2",
+        str(tmp_path / "job.py"),
+    ]
     done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120)
     assert done.returncode == 0, done.stderr[-2000:]
     rows = list(csv.DictReader(open(tmp_path / "run" / "metrics.csv")))
@@ -249,10 +303,17 @@ def test_resume_refuses_another_configuration_or_other_data(tmp_path):
         start(tmp_path / "run", changes={"epochs": 1, "lr": 0.1}, resume=True)
     with pytest.raises(InputError, match="model.pool was 'max' and is now 'mean'"):
         start(tmp_path / "run", changes={"epochs": 1}, model={"pool": "mean"}, resume=True)
-    start(tmp_path / "run", changes={"epochs": 1, "max_minutes": 5}, resume=True)  # does not change the result
+    start(
+        tmp_path / "run", changes={"epochs": 1, "max_minutes": 5}, resume=True
+    )  # does not change the result
     with pytest.raises(InputError, match="data.train_frames was 24 and is now 5"):
         train.train_on(
-            FakeDrones(5), FakeDrones(9, seed=1), tmp_path / "run", ModelConfig(**tiny()), settings(epochs=1), resume=True
+            FakeDrones(5),
+            FakeDrones(9, seed=1),
+            tmp_path / "run",
+            ModelConfig(**tiny()),
+            settings(epochs=1),
+            resume=True,
         )
     (tmp_path / "run" / "last.safetensors").write_bytes(b"broken")
     with pytest.raises(InputError, match="last.safetensors is not a readable training state"):
@@ -276,7 +337,9 @@ def test_a_folder_in_use_is_left_alone(tmp_path):
 def test_a_pose_that_is_nan_is_named(tmp_path):
     data = FakeDrones(24)
     data.data["t"][5] = float("nan")
-    with pytest.raises(InputError, match=r"epoch 1 batch \d: L_trans is not finite, because t of scene 2 frame 5"):
+    with pytest.raises(
+        InputError, match=r"epoch 1 batch \d: L_trans is not finite, because t of scene 2 frame 5"
+    ):
         train.train_on(data, FakeDrones(9), tmp_path / "run", ModelConfig(**tiny()), settings())
 
 
@@ -298,11 +361,19 @@ def test_empty_sets_are_errors():
 
 def test_presets_and_overrides():
     model, training = presets.preset("paper")
-    assert (training.lr, training.batch, training.epochs, training.schedule, training.augment) == (1e-5, 32, 100, "equal", False)
+    assert (training.lr, training.batch, training.epochs, training.schedule, training.augment) == (
+        1e-5,
+        32,
+        100,
+        "equal",
+        False,
+    )
     assert (model.backbone, model.backbone_weights, model.image_size, model.rays, model.rotation) == (
         "resnet50", "imagenet", 224, "raw", "euler",
     )  # fmt: skip
-    model, training = presets.preset("cpu", presets.parse_overrides(["rays=raw", "lr=1e-4", "augment=false", "backbone_weights=none"]))
+    model, training = presets.preset(
+        "cpu", presets.parse_overrides(["rays=raw", "lr=1e-4", "augment=false", "backbone_weights=none"])
+    )
     assert (model.rays, training.lr, training.augment, model.backbone_weights) == ("raw", 1e-4, False, None)
     for name, overrides, match in [
         ("gpu", {}, "unknown preset 'gpu'; known: paper, cpu"), ("cpu", {"colour": 1}, "unknown setting 'colour'; known: .*rays.*epochs"),
@@ -320,17 +391,25 @@ def test_soft_argmax_finds_a_peak():
     logits = torch.full((1, 2, 6, 6), -100.0)
     logits[0, 0, 1, 4] = 0.0  # row 1, column 4
     logits[0, 1, 2, 2] = logits[0, 1, 2, 3] = 0.0  # between two cells
-    torch.testing.assert_close(pretrain.soft_argmax(logits)[0], torch.tensor([[4.5 / 6, 1.5 / 6], [0.5, 2.5 / 6]]))
+    torch.testing.assert_close(
+        pretrain.soft_argmax(logits)[0], torch.tensor([[4.5 / 6, 1.5 / 6], [0.5, 2.5 / 6]])
+    )
 
 
 def test_pretraining_takes_several_data_sets(small_dataset, tmp_path):
     small = {**tiny(), "batch": 16, "device": "cpu"}
-    path = pretrain.pretrain([small_dataset, small_dataset], tmp_path / "b.safetensors", epochs=1, overrides=small, progress=False)
+    path = pretrain.pretrain(
+        [small_dataset, small_dataset], tmp_path / "b.safetensors", epochs=1, overrides=small, progress=False
+    )
     with safe_open(path, "pt") as file:
         header = file.metadata()
     digest = json.loads((small_dataset / "manifest.json").read_text())["digest"]
     assert header["train_frames"] == "48" and header["dataset_digest"] == f"{digest}+{digest}"
-    assert set(json.loads(header["validation"])) >= {"val_keypoint_crop_px", "val_class_accuracy", "val_R_medae_deg"}
+    assert set(json.loads(header["validation"])) >= {
+        "val_keypoint_crop_px",
+        "val_class_accuracy",
+        "val_R_medae_deg",
+    }
     with pytest.raises(InputError, match="pretraining has its own losses and no schedule"):
         pretrain.pretrain([small_dataset], tmp_path / "c.safetensors", overrides={"schedule": "tanh"})
 
@@ -348,7 +427,15 @@ def test_pretraining_writes_a_backbone_that_fits_and_resumes(tmp_path):
         pretrain.pretrain_to(data, val, tmp_path / "a.safetensors", config, run)
     with pytest.raises(InputError, match="lr was 0.001 and is now 0.1"):
         pretrain.pretrain_to(data, val, tmp_path / "a.safetensors", config, run.replace(lr=0.1), resume=True)
-    pretrain.pretrain_to(data, val, tmp_path / "a.safetensors", config, run, resume=True, command="python -m dronekeypp pretrain …")
+    pretrain.pretrain_to(
+        data,
+        val,
+        tmp_path / "a.safetensors",
+        config,
+        run,
+        resume=True,
+        command="python -m dronekeypp pretrain …",
+    )
     pretrain.pretrain_to(data, val, tmp_path / "b.safetensors", config, run)
     assert same(tmp_path / "a.safetensors", tmp_path / "b.safetensors")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.safetensors", "b.safetensors"]
@@ -370,4 +457,6 @@ def test_two_processes_do_not_train_one_run(tmp_path):
 
     with pytest.raises(InputError, match="another process is at work in .*run"):
         train.train_on(*sets, tmp_path / "run", ModelConfig(**tiny()), settings(epochs=1), on_epoch=second)
-    train.train_on(*sets, tmp_path / "run", ModelConfig(**tiny()), settings(epochs=1), resume=True)  # and the lock is gone again
+    train.train_on(
+        *sets, tmp_path / "run", ModelConfig(**tiny()), settings(epochs=1), resume=True
+    )  # and the lock is gone again

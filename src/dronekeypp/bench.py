@@ -26,16 +26,16 @@ import torch
 from torch.utils.flop_counter import FlopCounterMode
 from tqdm import tqdm
 
-from . import __version__
-from .baselines import DronePose, yolo
-from .baselines.pnp_pose import PnPPose
-from .camera import crop_image, from_crop, intrinsics, square_around
-from .errors import InputError
-from .export import OnnxNetwork, export, load_checkpoint
-from .files import write_beside
-from .model import DroneKeyPP
-from .presets import preset
-from .sixdronesyn.drones import DRONES
+from dronekeypp import __version__
+from dronekeypp.baselines import DronePose, yolo
+from dronekeypp.baselines.pnp_pose import PnPPose
+from dronekeypp.camera import crop_image, from_crop, intrinsics, square_around
+from dronekeypp.errors import InputError
+from dronekeypp.export import OnnxNetwork, export, load_checkpoint
+from dronekeypp.files import write_beside
+from dronekeypp.model import DroneKeyPP
+from dronekeypp.presets import preset
+from dronekeypp.sixdronesyn.drones import DRONES
 
 WIDTH, HEIGHT = 1920, 1080
 YOLO_SIZE = 256  # px, of the detector's input
@@ -61,11 +61,15 @@ def contenders(checkpoints: dict[str, str], exported: dict[str, str], threads: i
     found = []
     for device, large in (("cpu", 64), ("cuda", 512))[: 2 if torch.cuda.is_available() else 1]:
         for batch in (1, large):
-            kinds = [(name, engine, folder) for name, folder in checkpoints.items() for engine in (EAGER, COMPILED)]
+            kinds = [
+                (name, engine, folder) for name, folder in checkpoints.items() for engine in (EAGER, COMPILED)
+            ]
             kinds += [(name, ONNX, file) for name, file in exported.items()] if device == "cpu" else []
             kinds += [(PAPER_SIZED, EAGER, ""), (POSE34, EAGER, "")]
             kinds += [(YOLO, LIBRARY, "")] if yolo.installed() else []
-            found += [Contender(name, engine, device, batch, threads, source) for name, engine, source in kinds]
+            found += [
+                Contender(name, engine, device, batch, threads, source) for name, engine, source in kinds
+            ]
     return found
 
 
@@ -121,7 +125,10 @@ def _peak_memory() -> float:
     """Largest resident memory of this process so far, MB. On Linux not from getrusage: that hands a parent's peak on to its children."""
     try:
         status = Path("/proc/self/status").read_text()
-        return next(float(line.split()[1]) for line in status.splitlines() if line.startswith("VmHWM:")) * 1.024e-3
+        return (
+            next(float(line.split()[1]) for line in status.splitlines() if line.startswith("VmHWM:"))
+            * 1.024e-3
+        )
     except (OSError, StopIteration):
         import resource  # not on Windows, see `bench`
 
@@ -132,14 +139,24 @@ def pictures(batch: int) -> list[tuple[np.ndarray, np.ndarray]]:
     """(frame (1080, 1920, 3) uint8, box (4,)) of made-up footage."""
     rng = np.random.default_rng(0)
     frame = rng.integers(0, 255, (HEIGHT, WIDTH, 3), dtype=np.uint8)
-    return [(frame, np.array([rng.uniform(0, 1600), rng.uniform(0, 900), 240.0, 120.0])) for _ in range(batch)]
+    return [
+        (frame, np.array([rng.uniform(0, 1600), rng.uniform(0, 900), 240.0, 120.0])) for _ in range(batch)
+    ]
 
 
-def cut(frames: Sequence[tuple[np.ndarray, np.ndarray]], size: int, device: str) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+def cut(
+    frames: Sequence[tuple[np.ndarray, np.ndarray]], size: int, device: str
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """image (B, 3, size, size), K (B, 3, 3), square (B, 3)."""
     squares = np.stack([square_around(box) for _, box in frames])
-    images = np.stack([crop_image(frame, square, size) for (frame, _), square in zip(frames, squares, strict=True)])
-    K = torch.tensor(intrinsics(1500.0, WIDTH, HEIGHT), dtype=torch.float32).expand(len(frames), 3, 3).contiguous()
+    images = np.stack(
+        [crop_image(frame, square, size) for (frame, _), square in zip(frames, squares, strict=True)]
+    )
+    K = (
+        torch.tensor(intrinsics(1500.0, WIDTH, HEIGHT), dtype=torch.float32)
+        .expand(len(frames), 3, 3)
+        .contiguous()
+    )
     image = torch.from_numpy(images).to(device).permute(0, 3, 1, 2).float() / 255
     return image, K.to(device), torch.tensor(squares, dtype=torch.float32, device=device)
 
@@ -162,7 +179,10 @@ def _dronekeypp(contender: Contender) -> tuple[dict[str, int], dict[str, Callabl
     network = network.to(device).eval()
     facts = _facts(network, *cut(pictures(1), size, device))
     if contender.engine == ONNX:  # one graph: its two stages cannot be told apart
-        return facts, {"crop": lambda frames: cut(frames, size, "cpu"), "network and pose": lambda inputs: session(*inputs)}
+        return facts, {
+            "crop": lambda frames: cut(frames, size, "cpu"),
+            "network and pose": lambda inputs: session(*inputs),
+        }
 
     def encode(image):
         return {name: value for name, value in network.encode(image).items() if name in ENCODED}
@@ -203,15 +223,27 @@ def _detector(contender: Contender, folder: Path) -> tuple[dict[str, int], dict[
     facts = _facts(model.model.eval(), torch.zeros(1, 3, YOLO_SIZE, YOLO_SIZE))
     pnp, B = PnPPose(len(DRONES)), contender.batch
     pnp.hubs.copy_(torch.tensor(np.stack([drone.hubs for drone in DRONES.values()])))
-    K, label = torch.tensor(intrinsics(1500.0, WIDTH, HEIGHT), dtype=torch.float32).expand(B, 3, 3), torch.full((B,), DRONES["Mini2"].index)
+    K, label = (
+        torch.tensor(intrinsics(1500.0, WIDTH, HEIGHT), dtype=torch.float32).expand(B, 3, 3),
+        torch.full((B,), DRONES["Mini2"].index),
+    )
     points = torch.tensor([[0.3, 0.4], [0.7, 0.4], [0.75, 0.6], [0.25, 0.6]]).expand(B, 4, 2)
     squares = torch.tensor([700.0, 400.0, 250.0]).expand(B, 3)
 
     def detect(images):
-        return model.predict(list(images), imgsz=YOLO_SIZE, conf=yolo.CONFIDENCE, max_det=1, verbose=False, device=contender.device)
+        return model.predict(
+            list(images),
+            imgsz=YOLO_SIZE,
+            conf=yolo.CONFIDENCE,
+            max_det=1,
+            verbose=False,
+            device=contender.device,
+        )
 
     return facts, {
-        "crop": lambda frames: [crop_image(frame, square_around(box), YOLO_SIZE)[..., ::-1] for frame, box in frames],
+        "crop": lambda frames: [
+            crop_image(frame, square_around(box), YOLO_SIZE)[..., ::-1] for frame, box in frames
+        ],
         "network": detect,
         "pose": lambda _: pnp(from_crop(points, squares), label, K),
     }
@@ -224,7 +256,9 @@ def named(checkpoints: Sequence[str | Path]) -> dict[str, str]:
     """{name: folder} of checkpoints of DroneKey++: the paper's network has its name, a geometric one says so; a name there was gets its folder's."""
     found: dict[str, str] = {}
     for checkpoint in checkpoints:
-        name = DroneKeyPP.method + (", geometric" if load_checkpoint(checkpoint)[0].config.pose == "geometric" else "")
+        name = DroneKeyPP.method + (
+            ", geometric" if load_checkpoint(checkpoint)[0].config.pose == "geometric" else ""
+        )
         found[name if name not in found else f"{name} ({Path(checkpoint).name})"] = str(checkpoint)
     return found
 
@@ -258,8 +292,14 @@ def bench(
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="dronekeypp-bench-")))
         if chosen is None:
-            files = {name: folder / f"net_{i}.onnx" for i, name in enumerate(sources)} if OnnxNetwork.installed() else {}
-            chosen = contenders(sources, {name: str(export(sources[name], file)) for name, file in files.items()}, threads)
+            files = (
+                {name: folder / f"net_{i}.onnx" for i, name in enumerate(sources)}
+                if OnnxNetwork.installed()
+                else {}
+            )
+            chosen = contenders(
+                sources, {name: str(export(sources[name], file)) for name, file in files.items()}, threads
+            )
         pools = [stack.enter_context(ProcessPoolExecutor(1, mp_context=spawn)) for _ in chosen]
         pairs = tqdm(list(zip(pools, chosen, strict=True)), "prepare", leave=False, disable=hidden)
         facts = [pool.submit(_prepare, contender, folder).result() for pool, contender in pairs]
@@ -267,12 +307,18 @@ def bench(
             if isinstance(fact, str):
                 print(f"{c.name}, {c.engine}, {c.device} is left out: {fact}")
         taking_part = [isinstance(fact, dict) for fact in facts]
-        pools, chosen, facts = ([one for one, here in zip(each, taking_part, strict=True) if here] for each in (pools, chosen, facts))
+        pools, chosen, facts = (
+            [one for one, here in zip(each, taking_part, strict=True) if here]
+            for each in (pools, chosen, facts)
+        )
         found: list[list[dict[str, float]]] = [[] for _ in chosen]
         for _ in tqdm(range(rounds), "rounds", leave=False, disable=hidden):
             for place, pool in enumerate(pools):
                 found[place].append(pool.submit(_run, seconds).result())
-    rows = [row_of(c, fact, mine, detector_of(c, chosen, found)) for c, fact, mine in zip(chosen, facts, found, strict=True)]
+    rows = [
+        row_of(c, fact, mine, detector_of(c, chosen, found))
+        for c, fact, mine in zip(chosen, facts, found, strict=True)
+    ]
     gpu = torch.cuda.get_device_name() if torch.cuda.is_available() else None
     result = {
         "name": "speed", "hardware": {"cpu": processor(), "cores": threads, "gpu": gpu}, "rounds": rounds, "seconds": seconds,
@@ -294,17 +340,32 @@ def processor() -> str:
         return platform.processor() or platform.machine()
 
 
-def detector_of(contender: Contender, chosen: Sequence[Contender], found: Sequence[list[dict]]) -> list[dict] | None:
+def detector_of(
+    contender: Contender, chosen: Sequence[Contender], found: Sequence[list[dict]]
+) -> list[dict] | None:
     """The rounds of the detector on the same device with the same batch."""
-    same = [i for i, other in enumerate(chosen) if (other.name, other.device, other.batch) == (YOLO, contender.device, contender.batch)]
+    same = [
+        i
+        for i, other in enumerate(chosen)
+        if (other.name, other.device, other.batch) == (YOLO, contender.device, contender.batch)
+    ]
     return found[same[0]] if same else None
 
 
-def row_of(contender: Contender, facts: dict[str, int], mine: list[dict[str, float]], theirs: list[dict[str, float]] | None) -> dict[str, Any]:
+def row_of(
+    contender: Contender,
+    facts: dict[str, int],
+    mine: list[dict[str, float]],
+    theirs: list[dict[str, float]] | None,
+) -> dict[str, Any]:
     """A row of the result from the rounds of a contender and of the detector."""
     whole = np.array([one["whole"] for one in mine])
     ratios = np.array([one["whole"] for one in theirs]) / whole if theirs else None
-    stages = {name: round(1000 * float(np.median([one[name] for one in mine])), 4) for name in mine[0] if name not in ("whole", "peak_mb")}
+    stages = {
+        name: round(1000 * float(np.median([one[name] for one in mine])), 4)
+        for name in mine[0]
+        if name not in ("whole", "peak_mb")
+    }
     described = {key: value for key, value in asdict(contender).items() if key != "checkpoint"}
     return {
         **described, "frames_per_s": round(float(1 / np.median(whole)), 2),

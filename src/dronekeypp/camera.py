@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import torch
 
-from .errors import InputError
+from dronekeypp.errors import InputError
 
 # The paper says neither how large the crop is nor how it is cut. We take a square around the box, 1.15 to 1.3 times its longer side.
 CROP_MARGIN = (1.15, 1.3)
@@ -71,7 +71,9 @@ def square_around(box, margin=1.2):
     """
     x, y, w, h = (float(v) for v in box)
     if not np.isfinite([x, y, w, h]).all() or w <= 0 or h <= 0:
-        raise InputError(f"box {tuple(round(v, 2) for v in (x, y, w, h))}: width and height must be positive pixels")
+        raise InputError(
+            f"box {tuple(round(v, 2) for v in (x, y, w, h))}: width and height must be positive pixels"
+        )
     side = margin * max(w, h)
     return np.array([x + w / 2 - side / 2, y + h / 2 - side / 2, side])
 
@@ -98,7 +100,9 @@ def crop_intrinsics(K, square, size):
     """The camera matrix (3, 3) of the crop itself, `size` pixels wide: the same rays, other pixel numbers."""
     x, y, side = (float(v) for v in square)
     scale = size / side
-    return np.array([[scale, 0, -scale * x], [0, scale, -scale * y], [0, 0, 1]]) @ np.asarray(K, dtype=np.float64)
+    return np.array([[scale, 0, -scale * x], [0, scale, -scale * y], [0, 0, 1]]) @ np.asarray(
+        K, dtype=np.float64
+    )
 
 
 def crop_image(image, square, size):
@@ -114,7 +118,9 @@ def crop_image(image, square, size):
     # OpenCV counts pixel centres from 0; ours lie at +0.5
     affine = np.array([[step, 0, x + step / 2 - 0.5], [0, step, y + step / 2 - 0.5]])
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    cut = cv2.warpAffine(image, affine, (size * fine, size * fine), flags=flags, borderMode=cv2.BORDER_REPLICATE)
+    cut = cv2.warpAffine(
+        image, affine, (size * fine, size * fine), flags=flags, borderMode=cv2.BORDER_REPLICATE
+    )
     return cut if fine == 1 else cv2.resize(cut, (size, size), interpolation=cv2.INTER_AREA)
 
 

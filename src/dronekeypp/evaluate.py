@@ -64,10 +64,17 @@ def frame_errors(output: dict, batch: dict) -> dict[str, np.ndarray]:
     crop units: of a network that has them.
     """
     R, t, square = batch["R"], batch["t"], batch["square"]
-    output = {name: value.to(t.dtype) if torch.is_tensor(value) and value.is_floating_point() else value for name, value in output.items()}
+    output = {
+        name: value.to(t.dtype) if torch.is_tensor(value) and value.is_floating_point() else value
+        for name, value in output.items()
+    }
     nothing = torch.full_like(t[:, 0], torch.nan)
     has = {name: output.get(name) is not None for name in ("R", "t", "keypoints", "class_probs", "failed")}
-    apart = (output["keypoints"] - batch["keypoints"]).norm(dim=-1) if has["keypoints"] else nothing[:, None].expand(-1, 4)  # (B, 4)
+    apart = (
+        (output["keypoints"] - batch["keypoints"]).norm(dim=-1)
+        if has["keypoints"]
+        else nothing[:, None].expand(-1, 4)
+    )  # (B, 4)
     units = apart.mean(dim=-1)
     away = output["t"] - t if has["t"] else nothing[:, None].expand(-1, 3)
     predicted = torch.full_like(batch["label"], -1)
@@ -75,15 +82,21 @@ def frame_errors(output: dict, batch: dict) -> dict[str, np.ndarray]:
         answered = (output["class_probs"] != 0).any(dim=-1) & output["class_probs"].isfinite().all(dim=-1)
         predicted = torch.where(answered, output["class_probs"].argmax(dim=-1), predicted)
     nose = (output["R"][:, :, 0] * R[:, :, 0]).sum(dim=-1) if has["R"] else nothing
-    across = torch.linalg.cross(output["t"], t).norm(dim=-1) if has["t"] else nothing  # exact at 0 degrees, where acos is not
+    across = (
+        torch.linalg.cross(output["t"], t).norm(dim=-1) if has["t"] else nothing
+    )  # exact at 0 degrees, where acos is not
     errors = {
         "R_deg": rotations.geodesic_degrees(output["R"], R) if has["R"] else nothing,
         "t_m": away.norm(dim=-1),
         "t_axis_m": away.abs(),
         "distance_m": t.norm(dim=-1),
         "distance_ratio": output["t"].norm(dim=-1) / t.norm(dim=-1) if has["t"] else nothing,
-        "direction_deg": torch.rad2deg(torch.atan2(across, (output["t"] * t).sum(dim=-1))) if has["t"] else nothing,
-        "heading_deg": torch.rad2deg(torch.acos((-(R[:, :, 0] * t).sum(dim=-1) / t.norm(dim=-1)).clamp(-1, 1))),
+        "direction_deg": torch.rad2deg(torch.atan2(across, (output["t"] * t).sum(dim=-1)))
+        if has["t"]
+        else nothing,
+        "heading_deg": torch.rad2deg(
+            torch.acos((-(R[:, :, 0] * t).sum(dim=-1) / t.norm(dim=-1)).clamp(-1, 1))
+        ),
         "class_correct": (predicted == batch["label"]).to(t.dtype) if has["class_probs"] else nothing,
         "label": batch["label"],
         "predicted": predicted,
@@ -105,12 +118,14 @@ def frame_errors(output: dict, batch: dict) -> dict[str, np.ndarray]:
 
 
 def to_device(batch: dict, device: torch.device | str) -> dict:
-    return {name: value.to(device, non_blocking=True) for name, value in batch.items() if torch.is_tensor(value)}
+    return {
+        name: value.to(device, non_blocking=True) for name, value in batch.items() if torch.is_tensor(value)
+    }
 
 
-def apply_model(model: nn.Module, batch: dict, told: Sequence[str] = ()) -> dict:
-    """Run a network on a batch, with the truths that `told` names (`PoseNetwork.told`; Table 4 hands over keypoints and label)."""
-    return model(batch["image"], batch["K"], batch["square"], **{name: batch[name] for name in told})
+def apply_model(model: nn.Module, batch: dict, truth_inputs: Sequence[str] = ()) -> dict:
+    """Run a network on a batch, with the truths that `truth_inputs` names (`PoseNetwork.truth_inputs`; Table 4 hands over keypoints and label)."""
+    return model(batch["image"], batch["K"], batch["square"], **{name: batch[name] for name in truth_inputs})
 
 
 def evaluate(
@@ -131,17 +146,19 @@ def evaluate(
     """
     if len(dataset) == 0:
         raise InputError("nothing to evaluate: the data set has no frames")
-    network = model if isinstance(model, nn.Module) else nn.Module()  # what is none has no mode and no parameters
+    network = (
+        model if isinstance(model, nn.Module) else nn.Module()
+    )  # what is none has no mode and no parameters
     device = next((p.device for p in network.parameters()), torch.device("cpu"))
     loader = DataLoader(dataset, batch_size=batch, num_workers=workers, generator=torch.Generator())
-    told = getattr(model, "told", ())
+    truth_inputs = getattr(model, "told", ())
     parts, losses, present, was_training = [], {}, [], network.training
     network.eval()
     try:
         with torch.inference_mode():
             for items in progress(loader) if progress else loader:
                 items = to_device(items, device)
-                output = apply_model(model, items, told)
+                output = apply_model(model, items, truth_inputs)
                 parts.append(frame_errors(output, items))
                 present = [error for error, part in PARTS.items() if output.get(part) is not None]
                 for name, value in (criterion(output, items) if criterion else {}).items():
@@ -206,10 +223,14 @@ def averages(frames: dict[str, np.ndarray], draws: int = 1000, **labels) -> list
     for _ in range(draws):
         chosen = np.concatenate([members[g] for g in generator.integers(len(members), size=len(members))])
         for name in INTERVALS:
-            drawn[name].append(float(MEASURES[name]({key: v[chosen] for key, v in _of(frames, name).items()})))
+            drawn[name].append(
+                float(MEASURES[name]({key: v[chosen] for key, v in _of(frames, name).items()}))
+            )
     intervals = {f"{name}_ci95": percentiles(v) for name, v in drawn.items() if np.isfinite(v).all()}
     columns = {name: [row[name] for row in rows] for name in MEASURES}
-    by_rows |= {f"{name}_ci95": interval_of_mean(v, draws) for name, v in columns.items() if np.isfinite(v).all()}
+    by_rows |= {
+        f"{name}_ci95": interval_of_mean(v, draws) for name, v in columns.items() if np.isfinite(v).all()
+    }
     n = len(frames["label"])
     return [
         {**labels, "over": "rows", "rows": len(rows), "frames": n, **by_rows},
@@ -234,12 +255,12 @@ def _of(frames: dict[str, np.ndarray], name: str) -> dict[str, np.ndarray]:
     return {key: frames[key]}
 
 
-def plain(value: Any) -> Any:
+def json_values(value: Any) -> Any:
     """For JSON: numbers rounded to six digits, NaN (a part that a method does not predict) as None."""
     if isinstance(value, dict):
-        return {key: plain(v) for key, v in value.items()}
+        return {key: json_values(v) for key, v in value.items()}
     if isinstance(value, (list, tuple)):
-        return [plain(v) for v in value]
+        return [json_values(v) for v in value]
     if isinstance(value, (float, np.floating)):
         return None if np.isnan(value) else float(f"{value:.6g}")
     return value.item() if isinstance(value, np.generic) else value
@@ -249,7 +270,20 @@ def format_table(rows: Sequence[dict]) -> str:
     """Rows of `summarise` or `averages` as plain text, one line each; in front, where they differ, their method and variant."""
     names = [" ".join(str(row[key]) for key in ("method", "variant") if row.get(key)) for row in rows]
     width = max(map(len, names)) + 2 if len(set(names)) > 1 else 0
-    head = ("scene", "drone", "frames", "R MAE°", "R Med°", "t MAE m", "t Med m", "t axis m", "class %", "kp px", "kp Med", "flip %")
+    head = (
+        "scene",
+        "drone",
+        "frames",
+        "R MAE°",
+        "R Med°",
+        "t MAE m",
+        "t Med m",
+        "t axis m",
+        "class %",
+        "kp px",
+        "kp Med",
+        "flip %",
+    )
     lines = [" " * width + "  ".join(f"{title:>8}" for title in head)]
     for name, row in zip(names, rows, strict=True):
         where = (row["scene"], row["drone"]) if "scene" in row else ("mean of", row["over"])
@@ -261,13 +295,16 @@ def format_table(rows: Sequence[dict]) -> str:
     return "\n".join(lines)
 
 
-def poses(dataset: Dataset) -> dict[str, torch.Tensor]:
+def read_annotations(dataset: Dataset) -> dict[str, torch.Tensor]:
     """Annotations of a whole data set without its images, stacked: keypoints, K, square, label, R, t, scene, …
 
     A data set with a method `annotations()` gives them at once; of any other every item is read.
     """
     if isinstance(dataset, Subset) and hasattr(dataset.dataset, "annotations"):
-        return {name: value[torch.as_tensor(dataset.indices)] for name, value in dataset.dataset.annotations().items()}
+        return {
+            name: value[torch.as_tensor(dataset.indices)]
+            for name, value in dataset.dataset.annotations().items()
+        }
     if hasattr(dataset, "annotations"):
         return dataset.annotations()
     items = [{k: v for k, v in dataset[i].items() if k != "image"} for i in range(len(dataset))]
@@ -280,7 +317,7 @@ def constant_baseline(train_set: Dataset, test_set: Dataset) -> dict[str, np.nda
     Returns the frames of `evaluate` for it (class and keypoints likewise constant: the commonest class, the mean keypoints), so that
     `summarise`, `averages` and `format_table` take it like a network's.
     """
-    train, test = poses(train_set), poses(test_set)
+    train, test = read_annotations(train_set), read_annotations(test_set)
     n = len(test["t"])
     classes = int(max(train["label"].max(), test["label"].max())) + 1
     probs = torch.bincount(train["label"], minlength=classes).float()
@@ -296,7 +333,11 @@ def constant_baseline(train_set: Dataset, test_set: Dataset) -> dict[str, np.nda
 
 
 def evaluate_checkpoint(
-    checkpoint: str | Path, dataset_root: str | Path, split: str = "test", json_file: str | Path | None = None, progress: bool = True
+    checkpoint: str | Path,
+    dataset_root: str | Path,
+    split: str = "test",
+    json_file: str | Path | None = None,
+    progress: bool = True,
 ) -> list[dict]:
     """Measure a saved network on one split of a data set on disk: print the table, return (and write as JSON) its rows.
 
@@ -308,19 +349,32 @@ def evaluate_checkpoint(
     from dronekeypp.baselines import load_network
     from dronekeypp.sixdronesyn.dataset import SixDroneSyn
 
-    if json_file and (Path(json_file).is_dir() or not Path(json_file).resolve().parent.is_dir()):  # before the work, not after it
-        raise InputError(f"{json_file}: {'a folder, not a file' if Path(json_file).is_dir() else 'its folder does not exist; make it first'}")
+    if json_file and (
+        Path(json_file).is_dir() or not Path(json_file).resolve().parent.is_dir()
+    ):  # before the work, not after it
+        raise InputError(
+            f"{json_file}: {'a folder, not a file' if Path(json_file).is_dir() else 'its folder does not exist; make it first'}"
+        )
     checkpoint = Path(checkpoint)
     best = checkpoint / "best"
     model = load_network(best if (best / "config.json").is_file() else checkpoint)
     model.to("cuda" if torch.cuda.is_available() else "cpu")
     dataset = SixDroneSyn(dataset_root, split, size=model.config.image_size)
     hidden = not (progress and sys.stderr.isatty())
-    frames = evaluate(model, dataset, progress=lambda batches: tqdm(batches, split, leave=False, disable=hidden))
+    frames = evaluate(
+        model, dataset, progress=lambda batches: tqdm(batches, split, leave=False, disable=hidden)
+    )
     rows, means = summarise(frames, method=model.method), averages(frames, method=model.method)
     print(format_table(rows + means))
     if json_file:
         digest = getattr(dataset, "manifest", {}).get("digest")
-        result = plain({"name": "evaluate", "dataset": {"split": split, "digest": digest}, "rows": rows, "averages": means})
+        result = json_values(
+            {
+                "name": "evaluate",
+                "dataset": {"split": split, "digest": digest},
+                "rows": rows,
+                "averages": means,
+            }
+        )
         write_beside(Path(json_file), (json.dumps(result, indent=1) + "\n").encode())
     return rows

@@ -18,10 +18,10 @@ import torch
 from torch import Tensor, nn
 from torch.utils.data import DataLoader, Dataset
 
-from .baselines import load_network
-from .errors import InputError
-from .model import DroneKeyPP, ModelConfig
-from .model.base import WEIGHTS
+from dronekeypp.baselines import load_network
+from dronekeypp.errors import InputError
+from dronekeypp.model import DroneKeyPP, ModelConfig
+from dronekeypp.model.base import WEIGHTS
 
 EXTRA = ("onnx", "onnxscript", "onnxruntime")  # what the optional extra installs
 INPUTS = ("image", "K", "square")
@@ -66,7 +66,9 @@ def load_checkpoint(checkpoint: str | Path) -> tuple[DroneKeyPP | OnnxNetwork, P
     folder = checkpoint / "best" if (checkpoint / "best" / WEIGHTS).is_file() else checkpoint
     network = load_network(folder)
     if not isinstance(network, DroneKeyPP):
-        raise InputError(f"{folder} holds a network of {network.method}; this takes DroneKey++, which names the drone itself")
+        raise InputError(
+            f"{folder} holds a network of {network.method}; this takes DroneKey++, which names the drone itself"
+        )
     return network, folder / WEIGHTS
 
 
@@ -127,30 +129,48 @@ class OnnxNetwork:
         import onnxruntime
 
         if not Path(path).is_file():
-            raise InputError(f"{path} not found: make it with `python -m dronekeypp export CHECKPOINT {path}`")
+            raise InputError(
+                f"{path} not found: make it with `python -m dronekeypp export CHECKPOINT {path}`"
+            )
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
         options.log_severity_level = 3
         try:
-            self.session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+            self.session = onnxruntime.InferenceSession(
+                str(path), options, providers=["CPUExecutionProvider"]
+            )
             self.config = ModelConfig.from_json(self.session.get_modelmeta().custom_metadata_map[CONFIG_KEY])
         except KeyError:
             raise InputError(f"{path} was not written by `python -m dronekeypp export`") from None
         except Exception as error:  # ONNX Runtime's errors have no common class
-            raise InputError(f"{path} is not a readable ONNX file ({str(error).strip().splitlines()[0][:120]})") from None
+            raise InputError(
+                f"{path} is not a readable ONNX file ({str(error).strip().splitlines()[0][:120]})"
+            ) from None
         given, answers = self.session.get_inputs(), {output.name for output in self.session.get_outputs()}
-        if [one.name for one in given] != list(INPUTS) or given[0].shape[2:] != [self.config.image_size] * 2 or answers != {*outputs(self.config)}:
+        if (
+            [one.name for one in given] != list(INPUTS)
+            or given[0].shape[2:] != [self.config.image_size] * 2
+            or answers != {*outputs(self.config)}
+        ):
             raise InputError(f"{path}: its settings are not those of its graph; export it again")
 
     def __call__(self, image: Tensor, K: Tensor, square: Tensor) -> dict[str, Tensor]:
         """As `DroneKeyPP.forward`: image (B, 3, S, S) in [0, 1], K (B, 3, 3), square (B, 3); arrays will do."""
         inputs = zip(INPUTS, (image, K, square), strict=True)
-        given = {name: np.ascontiguousarray(torch.as_tensor(value).detach().cpu(), dtype=np.float32) for name, value in inputs}
+        given = {
+            name: np.ascontiguousarray(torch.as_tensor(value).detach().cpu(), dtype=np.float32)
+            for name, value in inputs
+        }
         names = outputs(self.config)
-        return {name: torch.from_numpy(value) for name, value in zip(names, self.session.run(list(names), given), strict=True)}
+        return {
+            name: torch.from_numpy(value)
+            for name, value in zip(names, self.session.run(list(names), given), strict=True)
+        }
 
 
-def largest_differences(network: DroneKeyPP, exported: OnnxNetwork, dataset: Dataset, batch: int = 64) -> dict[str, float]:
+def largest_differences(
+    network: DroneKeyPP, exported: OnnxNetwork, dataset: Dataset, batch: int = 64
+) -> dict[str, float]:
     """The largest absolute difference of every output over a data set: {name: difference}.
 
     Raises:

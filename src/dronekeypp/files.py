@@ -12,7 +12,7 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from .errors import InputError
+from dronekeypp.errors import InputError
 
 
 def read_json(path: str | Path, missing: str = "not found", mend: str = "") -> Any:
@@ -22,7 +22,10 @@ def read_json(path: str | Path, missing: str = "not found", mend: str = "") -> A
         InputError: missing, or not JSON; the message names the file, and says `missing` or the `mend`.
     """
     try:
-        return json.loads(Path(path).read_text(encoding="utf-8"), parse_int=lambda text: int(text) if len(text) < 300 else float(text))
+        return json.loads(
+            Path(path).read_text(encoding="utf-8"),
+            parse_int=lambda text: int(text) if len(text) < 300 else float(text),
+        )
     except FileNotFoundError:
         raise InputError(f"{path}: {missing}") from None
     except (ValueError, RecursionError) as error:
@@ -30,7 +33,7 @@ def read_json(path: str | Path, missing: str = "not found", mend: str = "") -> A
 
 
 @contextlib.contextmanager
-def alone(folder: Path) -> Iterator[None]:
+def lock_folder(folder: Path) -> Iterator[None]:
     """Hold a folder while writing to it: two processes that work in one would undo each other's work. Raises InputError if another holds it."""
     lock = folder / ".lock"
     try:
@@ -41,7 +44,9 @@ def alone(folder: Path) -> Iterator[None]:
                 with contextlib.suppress(OSError):  # Windows does not let go of an open file; then it stays
                     lock.unlink()
     except Timeout:
-        raise InputError(f"another process is at work in {folder}: let it finish, or choose another folder") from None
+        raise InputError(
+            f"another process is at work in {folder}: let it finish, or choose another folder"
+        ) from None
 
 
 def digest(content: bytes) -> str:

@@ -14,9 +14,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from .camera import check_intrinsics
-from .errors import InputError
-from .files import digest, read_json
+from dronekeypp.camera import check_intrinsics
+from dronekeypp.errors import InputError
+from dronekeypp.files import digest, read_json
 
 IMAGES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 SLIVER = 1.0  # pixels: what a detector leaves of a box at the frame's edge
@@ -41,12 +41,20 @@ class Footage:
     @property
     def folder(self) -> Path:
         """Where its frames lie; those of a video as if they lay in a folder of its name."""
-        return self.path.with_suffix("") if self.is_video else self.path if self.path.is_dir() else self.path.parent
+        return (
+            self.path.with_suffix("")
+            if self.is_video
+            else self.path
+            if self.path.is_dir()
+            else self.path.parent
+        )
 
     def digest(self) -> str:
         """What tells it from other footage at the same place: names and sizes of its files."""
         files = [self.path] if self.is_video else [self.folder / name for name in self.names]
-        told = "\n".join(f"{file.name} {file.stat().st_size if file.is_file() else 'missing'}" for file in files)
+        told = "\n".join(
+            f"{file.name} {file.stat().st_size if file.is_file() else 'missing'}" for file in files
+        )
         return digest(os.fsencode(told))
 
     def read(self, start: int = 0) -> Iterator[tuple[int, np.ndarray | None]]:
@@ -57,7 +65,9 @@ class Footage:
             return
         video = cv2.VideoCapture(str(self.path))
         try:
-            for i in range(len(self.names)):  # from the first frame on: seeking in compressed video is not exact
+            for i in range(
+                len(self.names)
+            ):  # from the first frame on: seeking in compressed video is not exact
                 good = video.grab()
                 if i >= start:
                     good, image = video.retrieve() if good else (False, None)
@@ -108,7 +118,9 @@ def open_footage(path: str | Path) -> Footage:
             count = int(promised)
     finally:
         video.release()
-    return Footage(path, tuple(f"{i:06d}" for i in range(count)), rate if np.isfinite(rate) and rate > 0 else None)
+    return Footage(
+        path, tuple(f"{i:06d}" for i in range(count)), rate if np.isfinite(rate) and rate > 0 else None
+    )
 
 
 # --- the camera ------------------------------------------------------------------------------------------------------------------------
@@ -135,11 +147,15 @@ class Calibration:
         """
         wide = self.size[0] if self.size else width
         if not 0.05 < self.K[0, 0] / wide < 1000:
-            raise InputError(f"a focal length of {self.K[0, 0]:g} pixels for a frame {wide} wide: is the matrix in pixels of the whole frame?")
+            raise InputError(
+                f"a focal length of {self.K[0, 0]:g} pixels for a frame {wide} wide: is the matrix in pixels of the whole frame?"
+            )
         if self.size is None or self.size == (width, height):
             return self
         if abs(width * self.size[1] / self.size[0] - height) > 1:  # pixels
-            raise InputError(f"the camera was calibrated at {self.size[0]}×{self.size[1]}, the frames are {width}×{height}: not the same shape")
+            raise InputError(
+                f"the camera was calibrated at {self.size[0]}×{self.size[1]}, the frames are {width}×{height}: not the same shape"
+            )
         scale = np.diag([width / self.size[0], height / self.size[1], 1.0])
         return Calibration(scale @ self.K, self.distortion, (width, height))
 
@@ -158,9 +174,14 @@ class Calibration:
             return box
         x, y, w, h = box
         along = np.linspace(0, 1, 9)
-        sides = [(x + along * w, np.full(9, v)) for v in (y, y + h)] + [(np.full(9, u), y + along * h) for u in (x, x + w)]
+        sides = [(x + along * w, np.full(9, v)) for v in (y, y + h)] + [
+            (np.full(9, u), y + along * h) for u in (x, x + w)
+        ]
         rim = np.concatenate([np.stack(side, axis=1) for side in sides])
-        points = cv2.undistortPoints(rim[:, None] - 0.5, self.opencv_K, self.distortion, P=self.opencv_K)[:, 0] + 0.5
+        points = (
+            cv2.undistortPoints(rim[:, None] - 0.5, self.opencv_K, self.distortion, P=self.opencv_K)[:, 0]
+            + 0.5
+        )
         low, high = points.min(axis=0), points.max(axis=0)
         return np.array([*low, *(high - low)])
 
@@ -182,22 +203,38 @@ def read_camera(path: str | Path) -> Calibration:
     matrix = next((found[key] for key in MATRIX if found.get(key) is not None), None)
     if matrix is None:
         example = '"camera_matrix": [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]'
-        raise InputError(f"{path}: holds no camera_matrix; write OpenCV's calibration format, or JSON with {example}")
+        raise InputError(
+            f"{path}: holds no camera_matrix; write OpenCV's calibration format, or JSON with {example}"
+        )
     try:
         K = np.array(matrix, dtype=np.float64).reshape(3, 3)
         fisheye = bool(found.get("fisheye_model"))
         distortion = next((found[key] for key in DISTORTION if found.get(key) is not None), None)
         distortion = None if distortion is None else np.array(distortion, dtype=np.float64).ravel()
-        size = (int(found["image_width"]), int(found["image_height"])) if found.get("image_width") and found.get("image_height") else None
+        size = (
+            (int(found["image_width"]), int(found["image_height"]))
+            if found.get("image_width") and found.get("image_height")
+            else None
+        )
     except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"{path}: camera_matrix needs 3×3 numbers, distortion a list of numbers ({error})") from None
+        raise InputError(
+            f"{path}: camera_matrix needs 3×3 numbers, distortion a list of numbers ({error})"
+        ) from None
     if fisheye:
-        raise InputError(f"{path}: a fisheye camera; undistort the footage with OpenCV's fisheye module first, and give the matrix of the result")
+        raise InputError(
+            f"{path}: a fisheye camera; undistort the footage with OpenCV's fisheye module first, and give the matrix of the result"
+        )
     check_intrinsics(K, f"{path}: camera_matrix")
-    if distortion is not None and (len(distortion) not in (4, 5, 8, 12, 14) or not np.isfinite(distortion).all()):
-        raise InputError(f"{path}: distortion has {len(distortion)} numbers; OpenCV knows 4, 5, 8, 12 or 14, all finite")
+    if distortion is not None and (
+        len(distortion) not in (4, 5, 8, 12, 14) or not np.isfinite(distortion).all()
+    ):
+        raise InputError(
+            f"{path}: distortion has {len(distortion)} numbers; OpenCV knows 4, 5, 8, 12 or 14, all finite"
+        )
     if size and min(size) < 1:
-        raise InputError(f"{path}: image_width and image_height must be positive, got {size[0]} and {size[1]}")
+        raise InputError(
+            f"{path}: image_width and image_height must be positive, got {size[0]} and {size[1]}"
+        )
     K[:2, 2] += 0.0 if found.get("bop") else 0.5
     return Calibration(K, distortion if distortion is not None and distortion.any() else None, size)
 
@@ -214,7 +251,10 @@ def _plain_json(path: Path) -> dict | None:
         if not cameras or any(camera != cameras[0] for camera in cameras):
             raise InputError(f"{path}: {len(cameras)} frames, and not one camera for all of them")
         return {"K": cameras[0], "bop": True}
-    return {key: value["data"] if isinstance(value, dict) and "data" in value else value for key, value in found.items()}
+    return {
+        key: value["data"] if isinstance(value, dict) and "data" in value else value
+        for key, value in found.items()
+    }
 
 
 def _opencv_nodes(path: Path) -> dict:
@@ -222,17 +262,25 @@ def _opencv_nodes(path: Path) -> dict:
         file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
         root = file.root()
         nodes = {key: root.getNode(key) for key in root.keys() if key in READ}
-        found = {key: node.mat() if node.isMap() else node.real() for key, node in nodes.items() if not node.isString()}
+        found = {
+            key: node.mat() if node.isMap() else node.real()
+            for key, node in nodes.items()
+            if not node.isString()
+        }
         file.release()
     except (cv2.error, SystemError) as error:
-        raise InputError(f"{path}: not a calibration in OpenCV's YAML, XML or JSON ({str(error).strip().splitlines()[-1]})") from None
+        raise InputError(
+            f"{path}: not a calibration in OpenCV's YAML, XML or JSON ({str(error).strip().splitlines()[-1]})"
+        ) from None
     return found
 
 
 # --- boxes -----------------------------------------------------------------------------------------------------------------------------
 
 
-def read_boxes(path: str | Path, names: tuple[str, ...], width: int, height: int, folder: str | Path = ".") -> dict[int, np.ndarray]:
+def read_boxes(
+    path: str | Path, names: tuple[str, ...], width: int, height: int, folder: str | Path = "."
+) -> dict[int, np.ndarray]:
     """One box (x, y, w, h) in pixels a frame: {frame number: box}. Of several in a frame the most confident counts.
 
     The format follows from the file. COCO (.json: a list of detections, or a data set with images and annotations) · YOLO (a folder with one
@@ -246,13 +294,19 @@ def read_boxes(path: str | Path, names: tuple[str, ...], width: int, height: int
     path = Path(path)
     by_name = {name: i for i, name in enumerate(names)} | {Path(name).stem: i for i, name in enumerate(names)}
     if path.is_dir():
-        labels = ((file, _frame_of(file.stem, names, by_name)) for file in sorted(path.glob("*.txt")))  # classes.txt is none
+        labels = (
+            (file, _frame_of(file.stem, names, by_name)) for file in sorted(path.glob("*.txt"))
+        )  # classes.txt is none
         rows = [row for file, frame in labels if frame >= 0 for row in _yolo(file, frame, width, height)]
     elif not path.is_file():
         raise InputError(f"{path}: boxes not found")
     elif path.suffix.lower() == ".json":
         folders = [Path(os.path.abspath(folder)), Path(folder).resolve()]
-        rows = _coco(path, by_name, [tuple((one / name).with_suffix("").as_posix() for one in folders) for name in names])
+        rows = _coco(
+            path,
+            by_name,
+            [tuple((one / name).with_suffix("").as_posix() for one in folders) for name in names],
+        )
     elif path.suffix.lower() == ".csv":
         rows = _csv(path, by_name)
     elif "," in path.read_text(errors="replace").split("\n", 1)[0]:
@@ -271,7 +325,9 @@ def read_boxes(path: str | Path, names: tuple[str, ...], width: int, height: int
         if frame < len(names) and score > best.get(frame, (-np.inf,))[0]:
             best[frame] = (score, box)
     if not best:
-        raise InputError(f"{path}: no box for any of the {len(names)} frames; the first is number 0 and is called {names[0]}")
+        raise InputError(
+            f"{path}: no box for any of the {len(names)} frames; the first is number 0 and is called {names[0]}"
+        )
     return {frame: box for frame, (_, box) in sorted(best.items())}
 
 
@@ -283,7 +339,9 @@ def check_box(box, width: int, height: int, where: str) -> np.ndarray:
     """
     box = np.array(box, dtype=np.float64)
     if box.shape != (4,) or not np.isfinite(box).all() or box[2] <= 0 or box[3] <= 0:
-        raise InputError(f"{where}: a box needs four finite numbers, width and height above 0, got {box.tolist()}")
+        raise InputError(
+            f"{where}: a box needs four finite numbers, width and height above 0, got {box.tolist()}"
+        )
     if np.abs(box).max() <= 1:
         raise InputError(f"{where}: {box.tolist()} are shares of the frame; pixels are needed")
     if box[0] >= width or box[1] >= height or box[0] + box[2] <= 0 or box[1] + box[3] <= 0:
@@ -312,7 +370,12 @@ def _yolo(path: Path, frame: int, width: int, height: int) -> Iterator[tuple]:
         if len(row) < 5:
             raise InputError(f"{where}: a YOLO line is class cx cy w h [confidence]")
         cx, cy, w, h = np.array(row[1:5]) * [width, height, width, height]
-        yield where, frame, (cx - w / 2, cy - h / 2, w, h), row[5] if len(row) in (6, 7) else 1.0  # a seventh: the track
+        yield (
+            where,
+            frame,
+            (cx - w / 2, cy - h / 2, w, h),
+            row[5] if len(row) in (6, 7) else 1.0,
+        )  # a seventh: the track
 
 
 def _mot(path: Path) -> Iterator[tuple]:
@@ -327,21 +390,34 @@ def _mot(path: Path) -> Iterator[tuple]:
 
 
 def _csv(path: Path, by_name: dict[str, int]) -> Iterator[tuple]:
-    with open(path, newline="", encoding="utf-8-sig", errors="replace") as file:  # Excel writes a mark in front
+    with open(
+        path, newline="", encoding="utf-8-sig", errors="replace"
+    ) as file:  # Excel writes a mark in front
         reader = csv.DictReader(file)
         try:
             if not {"frame", "x", "y", "w", "h"} <= set(reader.fieldnames or ()):
-                raise InputError(f"{path}: the header needs frame, x, y, w, h[, score]; it has {', '.join(reader.fieldnames or ()) or 'nothing'}")
+                raise InputError(
+                    f"{path}: the header needs frame, x, y, w, h[, score]; it has {', '.join(reader.fieldnames or ()) or 'nothing'}"
+                )
             rows = list(reader)
         except csv.Error as error:
             raise InputError(f"{path}: not CSV ({error})") from None
-    named = all(row["frame"] in by_name for row in rows)  # "12" may be a name or a number, but not both in one file
+    named = all(
+        row["frame"] in by_name for row in rows
+    )  # "12" may be a name or a number, but not both in one file
     for number, row in enumerate(rows, 2):
         try:
             frame = by_name[row["frame"]] if named else int(row["frame"])
-            yield f"{path} line {number}", frame, [float(row[key]) for key in "xywh"], float(row.get("score") or 1.0)
+            yield (
+                f"{path} line {number}",
+                frame,
+                [float(row[key]) for key in "xywh"],
+                float(row.get("score") or 1.0),
+            )
         except (TypeError, ValueError, OverflowError):
-            raise InputError(f"{path} line {number}: not a frame of the footage and four numbers: {row}") from None
+            raise InputError(
+                f"{path} line {number}: not a frame of the footage and four numbers: {row}"
+            ) from None
 
 
 def _coco(path: Path, by_name: dict[str, int], places: list[tuple[str, str]]) -> Iterator[tuple]:
@@ -354,15 +430,23 @@ def _coco(path: Path, by_name: dict[str, int], places: list[tuple[str, str]]) ->
             if not isinstance(image, dict) or not isinstance(image.get("id"), int | float | str):
                 raise InputError(f"{path}: an image without id and file_name: {image!r}")
             name = Path(str(image.get("file_name", "")))
-            known.setdefault(by_name.get(name.name, by_name.get(name.stem)), []).append((image["id"], name.as_posix()))
+            known.setdefault(by_name.get(name.name, by_name.get(name.stem)), []).append(
+                (image["id"], name.as_posix())
+            )
         images = {number: None for number, _ in known.pop(None, [])}
         for frame, found_here in known.items():
             here = {name for _, name in found_here}
             if len(here) > 1:  # several flights have an image of that name
                 tails = {name: f"/{Path(name).with_suffix('').as_posix().lstrip('/')}" for name in here}
-                here = {name for name, tail in tails.items() if any(place.endswith(tail) for place in places[frame])}
+                here = {
+                    name
+                    for name, tail in tails.items()
+                    if any(place.endswith(tail) for place in places[frame])
+                }
             if len(here) != 1:
-                raise InputError(f"{path}: {len(found_here)} images could be {places[frame][0]}; give file_name with its folders")
+                raise InputError(
+                    f"{path}: {len(found_here)} images could be {places[frame][0]}; give file_name with its folders"
+                )
             images |= {number: frame if name in here else None for number, name in found_here}
         found = found.get("annotations")
     if not isinstance(found, list):
@@ -375,7 +459,9 @@ def _coco(path: Path, by_name: dict[str, int], places: list[tuple[str, str]]) ->
             if frame is not None:
                 yield where, frame, [float(v) for v in entry["bbox"]], float(entry.get("score", 1.0))
         except (KeyError, TypeError, ValueError, OverflowError):
-            raise InputError(f"{where}: needs image_id (a frame of the footage) and bbox [x, y, w, h]") from None
+            raise InputError(
+                f"{where}: needs image_id (a frame of the footage) and bbox [x, y, w, h]"
+            ) from None
 
 
 class Tracker:
@@ -398,7 +484,9 @@ class Tracker:
             low = np.clip(np.round(self.box[:2]), 0, None).astype(int)
             high = np.minimum(np.round(self.box[:2] + self.box[2:]), image.shape[1::-1]).astype(int)
             if (high - low).min() < 2:
-                raise InputError(f"box {self.box.tolist()}: nothing of it to track in the {image.shape[1]}×{image.shape[0]} frame")
+                raise InputError(
+                    f"box {self.box.tolist()}: nothing of it to track in the {image.shape[1]}×{image.shape[0]} frame"
+                )
             with contextlib.suppress(TypeError, OSError, AttributeError):  # not on Windows
                 ctypes.CDLL(None).srand(0)  # MIL draws from the C library: the same box gives the same path
             self.tracker = cv2.TrackerMIL_create()

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from .errors import InputError
+from dronekeypp.errors import InputError
 
 ROOT = Path(__file__).parents[2]
 SAMPLES = ("backbone/compact.safetensors", "checkpoint/model.safetensors", "beyond/model.safetensors", "crops/manifest.json",
@@ -31,7 +31,9 @@ class Need:
 
 def python() -> str:
     if sys.version_info < (3, 11):  # noqa: UP036 (whoever has another Python is who should read this)
-        raise InputError(f"this is Python {sys.version.split()[0]}: make the environment with Python 3.11 or newer")
+        raise InputError(
+            f"this is Python {sys.version.split()[0]}: make the environment with Python 3.11 or newer"
+        )
     return sys.version.split()[0]
 
 
@@ -53,7 +55,7 @@ def packages() -> str:
 
 
 def opengl() -> str:
-    from .sixdronesyn.render import check_opengl
+    from dronekeypp.sixdronesyn.render import check_opengl
 
     check_opengl()
     return "a picture was rendered off-screen"
@@ -62,7 +64,11 @@ def opengl() -> str:
 def samples() -> str:
     missing = [name for name in SAMPLES if not (ROOT / "data_samples" / name).is_file()]
     if missing:
-        raise InputError(f"data_samples/{missing[0]}" + (f" and {len(missing) - 1} more" if len(missing) > 1 else "") + ": git checkout data_samples")
+        raise InputError(
+            f"data_samples/{missing[0]}"
+            + (f" and {len(missing) - 1} more" if len(missing) > 1 else "")
+            + ": git checkout data_samples"
+        )
     return "all there"
 
 
@@ -74,7 +80,9 @@ def video() -> str:
     with tempfile.TemporaryDirectory() as folder:
         writer = cv2.VideoWriter(str(Path(folder) / "a.mp4"), cv2.VideoWriter_fourcc(*"mp4v"), 30, (64, 64))
         if not writer.isOpened():
-            raise InputError("OpenCV cannot write an mp4: use the wheel opencv-python-headless, or predict --no-overlay")
+            raise InputError(
+                "OpenCV cannot write an mp4: use the wheel opencv-python-headless, or predict --no-overlay"
+            )
         writer.write(np.zeros((64, 64, 3), np.uint8))
         writer.release()
     return "mp4 can be written"
@@ -93,13 +101,17 @@ def memory() -> str:
     except (ValueError, OSError, AttributeError):  # Windows does not tell
         return "not known here"
     if total < MEMORY_GB:
-        raise InputError(f"{total:.1f} GB, {MEMORY_GB} needed: close something, or run the notebooks one at a time")
+        raise InputError(
+            f"{total:.1f} GB, {MEMORY_GB} needed: close something, or run the notebooks one at a time"
+        )
     return f"{total:.0f} GB"
 
 
 def dataset() -> str:
     if not (ROOT / "data" / "6dronesyn" / "manifest.json").is_file():
-        raise InputError("not rendered; the notebooks do without. python -m dronekeypp generate data/6dronesyn --workers 2")
+        raise InputError(
+            "not rendered; the notebooks do without. python -m dronekeypp generate data/6dronesyn --workers 2"
+        )
     return "data/6dronesyn"
 
 
@@ -112,14 +124,14 @@ def gpu() -> str:
 
 
 def onnx() -> str:
-    from .export import EXTRA, need
+    from dronekeypp.export import EXTRA, need
 
     need(*EXTRA)
     return "export and the exported file"
 
 
 def detector() -> str:
-    from .baselines import yolo
+    from dronekeypp.baselines import yolo
 
     if not yolo.installed():
         raise InputError('the detector of Table 3: pip install -e ".[yolo]" (AGPL-3.0)')

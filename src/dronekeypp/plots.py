@@ -3,7 +3,7 @@
 import matplotlib
 import numpy as np
 
-from .camera import project, to_crop
+from dronekeypp.camera import project, to_crop
 
 # Okabe–Ito colours, safe for colour-blind readers. One a keypoint: front-left, front-right, rear-right, rear-left.
 KEYPOINT_COLOURS = ("#D55E00", "#E69F00", "#0072B2", "#56B4E9")
@@ -48,14 +48,29 @@ def draw_keypoints(ax, points, visible=None, marker="o", size=18, labels=False):
     for i, (x, y) in enumerate(np.asarray(points)):
         seen = visible is None or bool(visible[i])
         face = KEYPOINT_COLOURS[i] if seen else "none"
-        kind = dict(c=KEYPOINT_COLOURS[i]) if marker in ("x", "+") else dict(facecolors=face, edgecolors=KEYPOINT_COLOURS[i])
-        ax.scatter(x, y, s=size, marker=marker, linewidths=1.2, label=KEYPOINT_LABELS[i] if labels else None, zorder=3, **kind)
+        kind = (
+            dict(c=KEYPOINT_COLOURS[i])
+            if marker in ("x", "+")
+            else dict(facecolors=face, edgecolors=KEYPOINT_COLOURS[i])
+        )
+        ax.scatter(
+            x,
+            y,
+            s=size,
+            marker=marker,
+            linewidths=1.2,
+            label=KEYPOINT_LABELS[i] if labels else None,
+            zorder=3,
+            **kind,
+        )
     return ax
 
 
 def draw_box(ax, box, colour="white"):
     """Draw a box (x, y, w, h)."""
-    ax.add_patch(matplotlib.patches.Rectangle(box[:2], box[2], box[3], fill=False, edgecolor=colour, linewidth=1))
+    ax.add_patch(
+        matplotlib.patches.Rectangle(box[:2], box[2], box[3], fill=False, edgecolor=colour, linewidth=1)
+    )
     return ax
 
 
@@ -69,5 +84,10 @@ def draw_axes(ax, R, t, K, square=None, size=None, length=0.15):
     if square is not None:
         tips = to_crop(tips, np.asarray(square, dtype=float)) * size
     for tip, colour in zip(tips[1:], AXIS_COLOURS, strict=True):
-        ax.annotate("", tip, tips[0], arrowprops=dict(arrowstyle="-|>", color=colour, linewidth=1.6, shrinkA=0, shrinkB=0))
+        ax.annotate(
+            "",
+            tip,
+            tips[0],
+            arrowprops=dict(arrowstyle="-|>", color=colour, linewidth=1.6, shrinkA=0, shrinkB=0),
+        )
     return ax

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from .camera import check_intrinsics, project, rays
-from .errors import InputError
+from dronekeypp.camera import check_intrinsics, project, rays
+from dronekeypp.errors import InputError
 
 
 class Solution(NamedTuple):
@@ -28,7 +28,9 @@ def _plane_frame(hubs):
     if singular[1] < 1e-6:
         raise InputError("PnP: the points lie on one line; a pose needs a plane")
     if singular[2] > 0.02 * singular[1]:
-        raise InputError("PnP: the points are not coplanar; this solver is for the four propeller hubs of a drone")
+        raise InputError(
+            "PnP: the points are not coplanar; this solver is for the four propeller hubs of a drone"
+        )
     if np.linalg.det(axes) < 0:
         axes[2] *= -1
     return axes, origin
@@ -53,19 +55,28 @@ def solve_pnp(hubs, pixels, K):
     hubs, pixels = np.asarray(hubs, dtype=np.float64), np.asarray(pixels, dtype=np.float64)
     K = np.asarray(check_intrinsics(K), dtype=np.float64)
     if hubs.ndim != 2 or hubs.shape[1] != 3 or len(hubs) < 4 or pixels.shape != (len(hubs), 2):
-        raise InputError(f"PnP: expected points (P, 3) and pixels (P, 2) with P ≥ 4, got {hubs.shape} and {pixels.shape}")
+        raise InputError(
+            f"PnP: expected points (P, 3) and pixels (P, 2) with P ≥ 4, got {hubs.shape} and {pixels.shape}"
+        )
     if not (np.isfinite(hubs).all() and np.isfinite(pixels).all()):
         raise InputError("PnP: points or pixels hold NaN or infinity")
     if K.shape != (3, 3):
         raise InputError(f"PnP: one camera matrix (3, 3) at a time, got {K.shape}")
-    seen = np.ascontiguousarray(rays(pixels, K)[:, :2])  # OpenCV knows no skew, and wants its memory in one piece
+    seen = np.ascontiguousarray(
+        rays(pixels, K)[:, :2]
+    )  # OpenCV knows no skew, and wants its memory in one piece
     axes, origin = _plane_frame(hubs)
     found = []
-    for turn in (np.eye(3), np.diag([1.0, -1.0, -1.0])):  # the plane seen from its other side: IPPE sometimes finds only one of the two
+    for turn in (
+        np.eye(3),
+        np.diag([1.0, -1.0, -1.0]),
+    ):  # the plane seen from its other side: IPPE sometimes finds only one of the two
         flat = (hubs - origin) @ axes.T @ turn.T
         flat[:, 2] = 0
         try:
-            _, rotations, translations, _ = cv2.solvePnPGeneric(flat, seen, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
+            _, rotations, translations, _ = cv2.solvePnPGeneric(
+                flat, seen, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
+            )
         except cv2.error:
             continue
         for rvec, tvec in zip(rotations or (), translations or (), strict=True):
@@ -81,6 +92,8 @@ def solve_pnp(hubs, pixels, K):
     found.sort(key=lambda s: s.error_px)
     distinct = []
     for s in found:
-        if all(np.abs(s.R - other.R).max() > 1e-3 or np.abs(s.t - other.t).max() > 1e-4 for other in distinct):
+        if all(
+            np.abs(s.R - other.R).max() > 1e-3 or np.abs(s.t - other.t).max() > 1e-4 for other in distinct
+        ):
             distinct.append(s)
     return distinct

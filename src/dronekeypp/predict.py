@@ -28,18 +28,24 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from . import plots
-from .camera import clamp_square, crop_image, mirror_keypoints, project, square_around
-from .errors import InputError
-from .export import OnnxNetwork, load_checkpoint
-from .files import alone, digest, read_json, write_beside
-from .footage import Calibration, Footage, Tracker, check_box, open_footage, read_boxes, read_camera
-from .model import DroneKeyPP
-from .sequences import gaussian
-from .sixdronesyn.drones import DRONES
-from .sixdronesyn.own import VARIABLE
+from dronekeypp import plots
+from dronekeypp.camera import clamp_square, crop_image, mirror_keypoints, project, square_around
+from dronekeypp.errors import InputError
+from dronekeypp.export import OnnxNetwork, load_checkpoint
+from dronekeypp.files import digest, lock_folder, read_json, write_beside
+from dronekeypp.footage import Calibration, Footage, Tracker, check_box, open_footage, read_boxes, read_camera
+from dronekeypp.model import DroneKeyPP
+from dronekeypp.sequences import gaussian
+from dronekeypp.sixdronesyn.drones import DRONES
+from dronekeypp.sixdronesyn.own import VARIABLE
 
-JOURNAL, POSES, SETTINGS, TRAJECTORY, PICTURE = "frames.csv", "poses.csv", "settings.json", "trajectory.png", "overlay.png"
+JOURNAL, POSES, SETTINGS, TRAJECTORY, PICTURE = (
+    "frames.csv",
+    "poses.csv",
+    "settings.json",
+    "trajectory.png",
+    "overlay.png",
+)
 COLUMNS = (
     "frame", "name", "status", "box_x", "box_y", "box_w", "box_h", "drone", "score", "doubt_px",
     *(f"kp{k}_{axis}" for k in range(4) for axis in "xy"), *(f"R{i}{j}" for i in range(3) for j in range(3)), "tx", "ty", "tz", "seconds",
@@ -104,7 +110,9 @@ def predict(
         raise InputError("give either --boxes FILE or --box x,y,w,h of the drone in the first frame")
     network, weights = load_checkpoint(checkpoint)
     if network.config.classes > len(DRONES):
-        raise InputError(f"{checkpoint} knows {network.config.classes} drones, here are {len(DRONES)}: set {VARIABLE} to the folder with yours")
+        raise InputError(
+            f"{checkpoint} knows {network.config.classes} drones, here are {len(DRONES)}: set {VARIABLE} to the folder with yours"
+        )
     if isinstance(network, DroneKeyPP):
         network.to("cuda" if torch.cuda.is_available() else "cpu")
     out = Path(out)
@@ -125,15 +133,21 @@ def predict(
         raise InputError(f"{out} is a file, not a folder")
     out.mkdir(parents=True, exist_ok=True)
     check_ours(out)
-    with alone(out):
+    with lock_folder(out):
         done = begin(out, settings)
         with open(out / JOURNAL, "a", newline="", encoding="utf-8", errors="surrogateescape") as file:
             journal = csv.writer(file, lineterminator="\n")
             if file.tell() == 0:
                 journal.writerow(COLUMNS)
             hidden, start = not (progress and sys.stderr.isatty()), len(done)
-            carried = None if given is not None or start == len(source.names) else carry(source, box, start, (width, height))
-            steps = tqdm(source.read(start), "predict", len(source.names), initial=start, disable=hidden, leave=False)
+            carried = (
+                None
+                if given is not None or start == len(source.names)
+                else carry(source, box, start, (width, height))
+            )
+            steps = tqdm(
+                source.read(start), "predict", len(source.names), initial=start, disable=hidden, leave=False
+            )
             for rows in predicted(network, calibration, (width, height), steps, given, carried):
                 journal.writerows([number, source.names[number], *rest] for number, *rest in rows)
                 file.flush()
@@ -142,7 +156,9 @@ def predict(
             raise InputError(f"{out / JOURNAL} holds {len(rows)} of {len(source.names)} frames; run again")
         poses = [pose for pose in map(to_pose, rows) if pose]
         if not poses:
-            raise InputError(f"no frame of {source.path} has a pose; {out / JOURNAL} says why: {rows[0]['status']}")
+            raise InputError(
+                f"no frame of {source.path} has a pose; {out / JOURNAL} says why: {rows[0]['status']}"
+            )
         if smooth > 0:
             poses = smoothed(poses, smooth, rate)
         write_beside(out / POSES, bop_results(poses).encode())
@@ -151,7 +167,10 @@ def predict(
             write_overlay(out, source, calibration, {pose.frame: pose for pose in poses}, rate)
     skipped = [row for row in rows if row["status"] != GOOD]
     if progress:
-        print(f"{out}: {len(poses)} poses of {len(rows)} frames" + (f"; {len(skipped)} without one, see {JOURNAL}" if skipped else ""))
+        print(
+            f"{out}: {len(poses)} poses of {len(rows)} frames"
+            + (f"; {len(skipped)} without one, see {JOURNAL}" if skipped else "")
+        )
     return poses
 
 
@@ -167,7 +186,11 @@ def boxes_digest(path: str | Path) -> str:
 def check_ours(out: Path) -> dict[str, Any]:
     """The settings of the run in the folder `out`, {} of an empty one. Raises InputError for any other: it is not ours to write to."""
     old = read_json(out / SETTINGS, mend="choose another folder") if (out / SETTINGS).is_file() else {}
-    there = [path.name for path in out.iterdir() if not (path.name == ".lock" or path.name.endswith((".tmp", ".tmp.mp4")))]
+    there = [
+        path.name
+        for path in out.iterdir()
+        if not (path.name == ".lock" or path.name.endswith((".tmp", ".tmp.mp4")))
+    ]
     if there and not (isinstance(old, dict) and {"checkpoint", "footage"} <= old.keys()):
         raise InputError(f"{out} is not empty and not a run of predict: choose another folder")
     return old
@@ -250,13 +273,24 @@ def predicted(
             status = GOOD if box is not None else "no box" if given is not None else "lost by the tracker"
         if box is not None:
             x, y, w, h = straight = calibration.undistort_box(box)
-            if not (0 <= x + w / 2 < size[0] and 0 <= y + h / 2 < size[1]):  # straightening cuts the corners off
+            if not (
+                0 <= x + w / 2 < size[0] and 0 <= y + h / 2 < size[1]
+            ):  # straightening cuts the corners off
                 status = "outside the undistorted frame"
         if status == GOOD:
             square = clamp_square(square_around(straight), *size)
-            crops.append((crop_image(calibration.undistort(image), square, network.config.image_size), square))
+            crops.append(
+                (crop_image(calibration.undistort(image), square, network.config.image_size), square)
+            )
             waiting.append(len(rows))
-        rows.append((number, status, *(("", "", "", "") if box is None else (f"{v:.2f}" for v in box)), *[""] * (len(COLUMNS) - 7)))
+        rows.append(
+            (
+                number,
+                status,
+                *(("", "", "", "") if box is None else (f"{v:.2f}" for v in box)),
+                *[""] * (len(COLUMNS) - 7),
+            )
+        )
         if len(rows) == BATCH:
             yield fill(network, calibration, rows, crops, waiting)
             rows, crops, waiting = [], [], []
@@ -264,21 +298,42 @@ def predicted(
         yield fill(network, calibration, rows, crops, waiting)
 
 
-def fill(network: DroneKeyPP | OnnxNetwork, calibration: Calibration, rows: list[tuple], crops: list, waiting: list[int]) -> list[tuple]:
+def fill(
+    network: DroneKeyPP | OnnxNetwork,
+    calibration: Calibration,
+    rows: list[tuple],
+    crops: list,
+    waiting: list[int],
+) -> list[tuple]:
     """The rows, those with a crop completed by what the network says."""
     if not crops:
         return rows
-    device, tic = next(network.parameters()).device if isinstance(network, DroneKeyPP) else "cpu", time.perf_counter()
-    images = torch.from_numpy(np.stack([crop for crop, _ in crops])).permute(0, 3, 1, 2).float().div(255).to(device)
+    device, tic = (
+        next(network.parameters()).device if isinstance(network, DroneKeyPP) else "cpu",
+        time.perf_counter(),
+    )
+    images = (
+        torch.from_numpy(np.stack([crop for crop, _ in crops]))
+        .permute(0, 3, 1, 2)
+        .float()
+        .div(255)
+        .to(device)
+    )
     squares = torch.tensor(np.stack([square for _, square in crops]), dtype=torch.float32, device=device)
     K = torch.tensor(calibration.K, dtype=torch.float32, device=device).expand(len(crops), 3, 3)
     with torch.inference_mode():
-        found = {name: value.cpu() for name, value in network(images, K, squares).items() if torch.is_tensor(value)}
+        found = {
+            name: value.cpu() for name, value in network(images, K, squares).items() if torch.is_tensor(value)
+        }
         seconds = (time.perf_counter() - tic) / len(crops)
         doubt = mirror_doubt(network, images, K, squares, found["keypoints"].to(device)).cpu()
     for i, place in enumerate(waiting):
         share, drone = found["class_probs"][i].max(dim=0)
-        numbers = [*found["keypoints_px"][i].flatten().tolist(), *found["R"][i].flatten().tolist(), *found["t"][i].tolist()]
+        numbers = [
+            *found["keypoints_px"][i].flatten().tolist(),
+            *found["R"][i].flatten().tolist(),
+            *found["t"][i].tolist(),
+        ]
         status = GOOD if np.isfinite(numbers).all() else "the network's answer is not finite"
         claims = ("", "")
         if "covariance" in found:
@@ -290,13 +345,17 @@ def fill(network: DroneKeyPP | OnnxNetwork, calibration: Calibration, rows: list
     return rows
 
 
-def mirror_doubt(network: Callable, image: torch.Tensor, K: torch.Tensor, square: torch.Tensor, keypoints: torch.Tensor) -> torch.Tensor:
+def mirror_doubt(
+    network: Callable, image: torch.Tensor, K: torch.Tensor, square: torch.Tensor, keypoints: torch.Tensor
+) -> torch.Tensor:
     """Mean distance (B,), crop units, between the keypoints (B, 4, 2) and those of the same crop seen in a mirror, mirrored back.
 
     A mirror swaps left and right hubs and changes nothing else, so a network that sees clearly answers the same: no truth is needed to ask.
     """
     x, y, side = square.unbind(1)
-    other = network(image.flip(3), K, torch.stack([2 * K[:, 0, 2] - x - side, y, side], dim=1))["keypoints"].to(keypoints)
+    other = network(image.flip(3), K, torch.stack([2 * K[:, 0, 2] - x - side, y, side], dim=1))[
+        "keypoints"
+    ].to(keypoints)
     return (mirror_keypoints(other) - keypoints).norm(dim=-1).mean(dim=-1)
 
 
@@ -318,9 +377,17 @@ def smoothed(poses: list[Pose], sigma: float, rate: float) -> list[Pose]:
     if np.isfinite(claims).all():
         weights = 1 / np.square(claims)
     else:
-        doubt = np.array([pose.doubt_px / max(pose.box[2:]) for pose in poses])  # in boxes: a near drone is large, not doubtful
+        doubt = np.array(
+            [pose.doubt_px / max(pose.box[2:]) for pose in poses]
+        )  # in boxes: a near drone is large, not doubtful
         weights = 1 / (1 + np.square(doubt / max(np.median(doubt), 1e-6)))
-    R, t = gaussian(np.stack([p.R for p in poses]), np.stack([p.t for p in poses]), np.array([p.frame / rate for p in poses]), sigma, weights)
+    R, t = gaussian(
+        np.stack([p.R for p in poses]),
+        np.stack([p.t for p in poses]),
+        np.array([p.frame / rate for p in poses]),
+        sigma,
+        weights,
+    )
     return [Pose(**{**vars(pose), "R": R[i], "t": t[i]}) for i, pose in enumerate(poses)]
 
 
@@ -341,7 +408,9 @@ def draw_overlay(image: np.ndarray, pose: Pose, calibration: Calibration) -> np.
         return tuple(int(text[i : i + 2], 16) for i in (1, 3, 5))
 
     def pixel(point: np.ndarray) -> tuple[int, int]:
-        return int(round(float(np.clip(point[0], -1e4, 1e4)) - 0.5)), int(round(float(np.clip(point[1], -1e4, 1e4)) - 0.5))
+        return int(round(float(np.clip(point[0], -1e4, 1e4)) - 0.5)), int(
+            round(float(np.clip(point[1], -1e4, 1e4)) - 0.5)
+        )
 
     x, y, w, h = calibration.undistort_box(pose.box)
     cv2.rectangle(image, pixel(np.array([x, y])), pixel(np.array([x + w, y + h])), (255, 255, 255), thick)
@@ -350,20 +419,32 @@ def draw_overlay(image: np.ndarray, pose: Pose, calibration: Calibration) -> np.
     if points[:, 2].min() > 0.05:
         tips = project(points, calibration.K)
         for tip, name in zip(tips[1:], plots.AXIS_COLOURS, strict=True):
-            cv2.arrowedLine(image, pixel(tips[0]), pixel(tip), colour(name), 2 * thick, cv2.LINE_AA, tipLength=0.2)
+            cv2.arrowedLine(
+                image, pixel(tips[0]), pixel(tip), colour(name), 2 * thick, cv2.LINE_AA, tipLength=0.2
+            )
     for point, name in zip(pose.keypoints, plots.KEYPOINT_COLOURS, strict=True):
         cv2.circle(image, pixel(point), 3 * thick, colour(name), -1, cv2.LINE_AA)
-    unsure = "" if math.isnan(pose.shift_sigma_m) else f" +- {pose.shift_sigma_m:.2f}"  # OpenCV's letters have no better sign
+    unsure = (
+        "" if math.isnan(pose.shift_sigma_m) else f" +- {pose.shift_sigma_m:.2f}"
+    )  # OpenCV's letters have no better sign
     text = f"{DRONES[pose.drone].label} {100 * pose.score:.0f} %, {np.linalg.norm(pose.t):.2f}{unsure} m"
     (wide, high), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.5 * thick, thick)
     left = int(np.clip(x, 0, max(0, image.shape[1] - wide)))
-    base = int(y) - 2 * below if y > high + 3 * below else int(min(y + h, image.shape[0] - 2 * below)) + high + below
+    base = (
+        int(y) - 2 * below
+        if y > high + 3 * below
+        else int(min(y + h, image.shape[0] - 2 * below)) + high + below
+    )
     cv2.rectangle(image, (left, base - high - below // 2), (left + wide, base + below), (40, 40, 40), -1)
-    cv2.putText(image, text, (left, base), cv2.FONT_HERSHEY_SIMPLEX, 0.5 * thick, (255, 255, 255), thick, cv2.LINE_AA)
+    cv2.putText(
+        image, text, (left, base), cv2.FONT_HERSHEY_SIMPLEX, 0.5 * thick, (255, 255, 255), thick, cv2.LINE_AA
+    )
     return image
 
 
-def write_overlay(out: Path, source: Footage, calibration: Calibration, poses: dict[int, Pose], rate: float) -> None:
+def write_overlay(
+    out: Path, source: Footage, calibration: Calibration, poses: dict[int, Pose], rate: float
+) -> None:
     """overlay.mp4 (of one image overlay.png): every frame that can be read; written beside, then renamed."""
     writer, written, beside = None, 0, out / ".overlay.tmp.mp4"
     try:
@@ -380,7 +461,9 @@ def write_overlay(out: Path, source: Footage, calibration: Calibration, poses: d
                 size = image.shape[1::-1]
                 writer = cv2.VideoWriter(str(beside), cv2.VideoWriter_fourcc(*"mp4v"), rate, size)
                 if not writer.isOpened():
-                    raise InputError(f"{beside}: OpenCV cannot write an mp4 here; run again without the overlay")
+                    raise InputError(
+                        f"{beside}: OpenCV cannot write an mp4 here; run again without the overlay"
+                    )
             if image.shape[1::-1] == size:
                 writer.write(np.ascontiguousarray(image[..., ::-1]))
                 written += 1
@@ -392,7 +475,9 @@ def write_overlay(out: Path, source: Footage, calibration: Calibration, poses: d
     video.release()
     if not whole:
         beside.unlink(missing_ok=True)
-        raise InputError(f"{out / 'overlay.mp4'} could not be written whole; is the disk full? The poses are in {POSES}")
+        raise InputError(
+            f"{out / 'overlay.mp4'} could not be written whole; is the disk full? The poses are in {POSES}"
+        )
     beside.replace(out / "overlay.mp4")
 
 

@@ -21,11 +21,15 @@ class TrainConfig(Settings):
     warmup: int = 0  # steps of linear warm-up before the cosine; the paper has none
     clip: float = 0.0  # largest norm of the gradient; 0 leaves it alone, as the paper does
     weight_decay: float = 0.0
-    keypoint_unit: float = 10.0  # side of the crop in the unit of y2D: the hidden weight of L_2D, see `loss_terms`
+    keypoint_unit: float = (
+        10.0  # side of the crop in the unit of y2D: the hidden weight of L_2D, see `loss_terms`
+    )
     schedule: str = "equal"  # Table 6: "equal" | "tanh" | "shifted" | "biased"
     augment: bool = False  # the crop's margin and centre drawn anew; the paper has no augmentation
     degrade: bool = False  # half of the crops as a small, compressed video shows them (see `dataset.degrade`); the paper has none
-    mirror: bool = False  # half of the frames seen in a mirror, truth and all (see `train.mirrored`); the paper has none
+    mirror: bool = (
+        False  # half of the frames seen in a mirror, truth and all (see `train.mirrored`); the paper has none
+    )
     frames: int = 0  # training frames seen per epoch, drawn anew each time; 0: all
     val_frames: int = 0  # validation frames, evenly spaced; 0: all
     seed: int = 0

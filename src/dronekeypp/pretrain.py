@@ -49,7 +49,9 @@ class PretrainNet(PoseNetwork):
         with torch.no_grad():
             self.to_rotation.bias.copy_(torch.tensor([1.0, 0.0, 0.0, 0.0, 1.0, 0.0]))
 
-    def forward(self, image: Tensor, K: Tensor | None = None, square: Tensor | None = None) -> dict[str, Tensor]:
+    def forward(
+        self, image: Tensor, K: Tensor | None = None, square: Tensor | None = None
+    ) -> dict[str, Tensor]:
         """K and square are not looked at."""
         features = self.backbone(image)  # (B, C, s, s)
         pooled = features.mean(dim=(2, 3))  # (B, C)
@@ -121,11 +123,19 @@ def pretrain(
     for key in ("schedule", "backbone_lr"):
         if key in (overrides or {}):
             raise InputError(f"--set {key}: pretraining has its own losses and no {key}; leave it out")
-    changes = {"epochs": epochs, "augment": True, "backbone_lr": 1.0, "backbone_weights": None, **(overrides or {})}
+    changes = {
+        "epochs": epochs,
+        "augment": True,
+        "backbone_lr": 1.0,
+        "backbone_weights": None,
+        **(overrides or {}),
+    }
     model_config, config = preset("cpu", changes)
     size = model_config.image_size
     parts = [
-        SixDroneSyn(root, "train", size=size, augment=config.augment, seed=config.seed + i, degrade=config.degrade)
+        SixDroneSyn(
+            root, "train", size=size, augment=config.augment, seed=config.seed + i, degrade=config.degrade
+        )
         for i, root in enumerate(dataset_roots)
     ]
     train_set = parts[0] if len(parts) == 1 else Joined(parts)
@@ -134,7 +144,17 @@ def pretrain(
     return pretrain_to(train_set, val_set, out_file, model_config, config, resume, progress, command)
 
 
-def pretrain_to(train_set, val_set, out_file, model_config, config, resume=False, progress=False, command="", on_epoch=None) -> Path:
+def pretrain_to(
+    train_set,
+    val_set,
+    out_file,
+    model_config,
+    config,
+    resume=False,
+    progress=False,
+    command="",
+    on_epoch=None,
+) -> Path:
     """`pretrain` for any two data sets whose items are those of `SixDroneSyn`."""
     out_file = Path(out_file)
     if out_file.exists():

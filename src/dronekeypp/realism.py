@@ -19,10 +19,14 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from torch import Tensor, nn
 
-from .errors import InputError
+from dronekeypp.errors import InputError
 
 RINGS, CELLS, DIRECTIONS, TONES = 16, 4, 8, 8  # of `descriptor`
-PARTS = {"tones": slice(0, 3 * TONES), "sharpness": slice(3 * TONES, 3 * TONES + RINGS), "edges": slice(3 * TONES + RINGS, None)}  # its columns
+PARTS = {
+    "tones": slice(0, 3 * TONES),
+    "sharpness": slice(3 * TONES, 3 * TONES + RINGS),
+    "edges": slice(3 * TONES + RINGS, None),
+}  # its columns
 NEIGHBOURS = 5  # of `covered`
 
 
@@ -36,11 +40,15 @@ def descriptor(images: Tensor) -> np.ndarray:
     """
     B, _, S, _ = images.shape
     level = (images.clamp(0, 1 - 1e-6) * TONES).long().flatten(2)  # (B, 3, S*S)
-    tones = torch.zeros(B, 3, TONES).scatter_add_(2, level, torch.ones_like(level, dtype=torch.float32)) / (S * S)
+    tones = torch.zeros(B, 3, TONES).scatter_add_(2, level, torch.ones_like(level, dtype=torch.float32)) / (
+        S * S
+    )
 
     grey = images.mean(dim=1)  # (B, S, S)
     window = torch.hann_window(S, periodic=False)
-    power = torch.fft.fft2((grey - grey.mean(dim=(1, 2), keepdim=True)) * window[:, None] * window).abs().square()  # (B, S, S)
+    power = (
+        torch.fft.fft2((grey - grey.mean(dim=(1, 2), keepdim=True)) * window[:, None] * window).abs().square()
+    )  # (B, S, S)
     frequency = torch.fft.fftfreq(S)
     radius = (frequency[:, None].square() + frequency.square()).sqrt()
     ring = (radius / 0.5 * RINGS).long().clamp(max=RINGS)  # the corners beyond the last ring are left out
@@ -51,7 +59,11 @@ def descriptor(images: Tensor) -> np.ndarray:
     direction = ((torch.atan2(dy, dx) / torch.pi + 1) * DIRECTIONS / 2 + 0.5).long() % DIRECTIONS
     cell = (torch.arange(S) * CELLS // S)[:, None] * CELLS + torch.arange(S) * CELLS // S  # (S, S)
     place = (cell * DIRECTIONS + direction).flatten(1)  # (B, S*S)
-    edges = torch.zeros(B, CELLS * CELLS * DIRECTIONS).scatter_add_(1, place, strength.flatten(1)).view(B, CELLS * CELLS, DIRECTIONS)
+    edges = (
+        torch.zeros(B, CELLS * CELLS * DIRECTIONS)
+        .scatter_add_(1, place, strength.flatten(1))
+        .view(B, CELLS * CELLS, DIRECTIONS)
+    )
     edges = edges / edges.sum(dim=2, keepdim=True).clamp(min=1e-6)
     return torch.cat([tones.flatten(1), (rings + 1e-6).log(), edges.flatten(1)], dim=1).numpy()
 
@@ -87,7 +99,9 @@ def kernel_mmd(a: np.ndarray, b: np.ndarray) -> float:
     """
     within_a, within_b, across = (cdist(x, y, "sqeuclidean") for x, y in ((a, a), (b, b), (a, b)))
     width = np.median(within_a[np.triu_indices(len(a), 1)])
-    mean = lambda squared: (np.exp(-squared / (2 * width)).sum() - len(squared)) / (len(squared) * (len(squared) - 1))  # noqa: E731
+    mean = lambda squared: (
+        (np.exp(-squared / (2 * width)).sum() - len(squared)) / (len(squared) * (len(squared) - 1))
+    )  # noqa: E731
     return float(mean(within_a) + mean(within_b) - 2 * np.exp(-across / (2 * width)).mean())
 
 
@@ -100,20 +114,26 @@ def held_out_scores(
         InputError: fewer groups than folds in one of the sets.
     """
     if min(len(set(groups_a)), len(set(groups_b))) < folds:
-        raise InputError(f"a classifier tested in {folds} folds needs as many groups (videos, flights) in each set")
+        raise InputError(
+            f"a classifier tested in {folds} folds needs as many groups (videos, flights) in each set"
+        )
     x, y = np.concatenate([a, b]), np.r_[np.zeros(len(a)), np.ones(len(b))]
     scores = np.empty(len(x))
     parts = [GroupKFold(folds).split(x, groups=g) for x, g in ((a, groups_a), (b, groups_b))]
     for (train_a, test_a), (train_b, test_b) in zip(*parts, strict=True):
         train, test = np.r_[train_a, len(a) + train_b], np.r_[test_a, len(a) + test_b]
-        model = make_pipeline(StandardScaler(), LogisticRegression(C=0.1, max_iter=2000, class_weight="balanced")).fit(x[train], y[train])
+        model = make_pipeline(
+            StandardScaler(), LogisticRegression(C=0.1, max_iter=2000, class_weight="balanced")
+        ).fit(x[train], y[train])
         scores[test] = model.decision_function(x[test])
     return scores[: len(a)], scores[len(a) :]
 
 
 def auc(scores_a: np.ndarray, scores_b: np.ndarray) -> float:
     """Area under the ROC curve: the chance that a picture of the second set scores higher. 0.5: the sets cannot be told apart, 1: always."""
-    return float(roc_auc_score(np.r_[np.zeros(len(scores_a)), np.ones(len(scores_b))], np.r_[scores_a, scores_b]))
+    return float(
+        roc_auc_score(np.r_[np.zeros(len(scores_a)), np.ones(len(scores_b))], np.r_[scores_a, scores_b])
+    )
 
 
 def covered(real: np.ndarray, made: np.ndarray) -> np.ndarray:
@@ -121,11 +141,18 @@ def covered(real: np.ndarray, made: np.ndarray) -> np.ndarray:
 
     The mean is the coverage of Naeem et al. (ICML 2020).
     """
-    reach = NearestNeighbors(n_neighbors=NEIGHBOURS + 1).fit(real).kneighbors(real)[0][:, -1]  # the first neighbour is itself
+    reach = (
+        NearestNeighbors(n_neighbors=NEIGHBOURS + 1).fit(real).kneighbors(real)[0][:, -1]
+    )  # the first neighbour is itself
     return NearestNeighbors(n_neighbors=1).fit(made).kneighbors(real)[0][:, 0] <= reach
 
 
-def interval(measure: Callable[..., float], sets: list[np.ndarray], groups: list[np.ndarray], paired: tuple[int, ...] = ()) -> list[float]:
+def interval(
+    measure: Callable[..., float],
+    sets: list[np.ndarray],
+    groups: list[np.ndarray],
+    paired: tuple[int, ...] = (),
+) -> list[float]:
     """95 % interval [low, high] of measure(*sets) by the jackknife: each group left out in turn, in each set by itself (Efron & Stein 1981).
 
     Sets whose places are in `paired` show the same groups (the same flights before another background): a group is left out of all of them at
@@ -135,6 +162,9 @@ def interval(measure: Callable[..., float], sets: list[np.ndarray], groups: list
     value, variance = measure(*sets), 0.0
     for family in families:
         names = np.unique(np.concatenate([groups[i] for i in family]))
-        found = [measure(*(x[groups[i] != name] if i in family else x for i, x in enumerate(sets))) for name in names]
+        found = [
+            measure(*(x[groups[i] != name] if i in family else x for i, x in enumerate(sets)))
+            for name in names
+        ]
         variance += (len(names) - 1) * float(np.var(found))
     return [value - 1.96 * variance**0.5, value + 1.96 * variance**0.5]

@@ -9,7 +9,7 @@ import math
 
 import torch
 
-from .errors import InputError
+from dronekeypp.errors import InputError
 
 # Level frame ← camera: forward = z, left = −x, up = −y.
 LEVEL_FROM_CAMERA = ((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))
@@ -69,7 +69,9 @@ def towards(ray):
 def geodesic_degrees(R1, R2):
     """Eq. 13: the angle of R1ᵀR2 in degrees, (…). Uses atan2, which stays exact at 0° and 180° where arccos loses half the digits."""
     M = R1.transpose(-1, -2) @ R2
-    axis = torch.stack([M[..., 2, 1] - M[..., 1, 2], M[..., 0, 2] - M[..., 2, 0], M[..., 1, 0] - M[..., 0, 1]], -1)
+    axis = torch.stack(
+        [M[..., 2, 1] - M[..., 1, 2], M[..., 0, 2] - M[..., 2, 0], M[..., 1, 0] - M[..., 0, 1]], -1
+    )
     trace = M.diagonal(dim1=-2, dim2=-1).sum(-1)
     return torch.rad2deg(torch.atan2(axis.norm(dim=-1), trace - 1))
 
@@ -99,7 +101,11 @@ def best_constant_rotation(R, candidates=256, frames=2048):
     The chordal mean (the rotation nearest to the mean matrix) minimises the mean *squared* chord, not the median; so both compete.
     """
     u, _, vh = torch.linalg.svd(R.double().mean(dim=0))
-    mean = u @ torch.diag(torch.tensor([1.0, 1.0, float(torch.sign(torch.det(u @ vh)))], dtype=torch.double)) @ vh
+    mean = (
+        u
+        @ torch.diag(torch.tensor([1.0, 1.0, float(torch.sign(torch.det(u @ vh)))], dtype=torch.double))
+        @ vh
+    )
     tried = torch.cat([mean[None], R[:: max(1, len(R) // candidates)].double()])  # (C, 3, 3)
     judged = R[:: max(1, len(R) // frames)].double()
     medians = torch.stack([geodesic_degrees(one[None], judged).median() for one in tried])

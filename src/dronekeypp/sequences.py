@@ -12,8 +12,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from .errors import InputError
-from .rotations import check_rotation
+from dronekeypp.errors import InputError
+from dronekeypp.rotations import check_rotation
 
 FAR = 6  # sigmas beyond which a neighbour counts for nothing
 
@@ -31,7 +31,9 @@ def check_flight(R, t, time, weights=None):
     weights = np.ones(F) if weights is None else np.asarray(weights, dtype=np.float64)
     weights = np.stack([weights, weights], axis=-1) if weights.ndim == 1 else weights
     if R.shape != (F, 3, 3) or t.shape != (F, 3) or time.shape != (F,) or weights.shape != (F, 2):
-        raise InputError(f"a flight needs R (F, 3, 3), t (F, 3), time (F,); got {R.shape}, {t.shape}, {time.shape}, weights {weights.shape}")
+        raise InputError(
+            f"a flight needs R (F, 3, 3), t (F, 3), time (F,); got {R.shape}, {t.shape}, {time.shape}, weights {weights.shape}"
+        )
     if not all(np.isfinite(v).all() for v in (R, t, time, weights)):
         raise InputError("a flight's poses, times and weights must be finite; leave lost frames out")
     check_rotation(R, "a flight's R")
@@ -50,7 +52,7 @@ def flights(time, longest_gap=0.5):
 
 
 def gaussian(R, t, time, sigma=0.1, weights=None, longest_gap=0.5):
-    """Every pose becomes a mean of its neighbours, weighted by exp(-dt² / 2 sigma²) and by `weights` (see `sureness`).
+    """Every pose becomes a mean of its neighbours, weighted by exp(-dt² / 2 sigma²) and by `weights` (see `inverse_variances`).
 
     Rotations are averaged by `scipy`'s `Rotation.mean`: the rotation with the least sum of squared chordal distances.
 
@@ -72,7 +74,9 @@ def gaussian(R, t, time, sigma=0.1, weights=None, longest_gap=0.5):
         low = np.maximum(np.searchsorted(time, time[part] - FAR * sigma), part.start)
         high = np.minimum(np.searchsorted(time, time[part] + FAR * sigma, side="right"), part.stop)
         for i, a, b in zip(range(part.start, part.stop), low, high, strict=True):
-            turn, shift = (np.exp(-np.square(time[a:b] - time[i]) / (2 * sigma**2))[:, None] * weights[a:b]).T  # (N,) of the neighbours
+            turn, shift = (
+                np.exp(-np.square(time[a:b] - time[i]) / (2 * sigma**2))[:, None] * weights[a:b]
+            ).T  # (N,) of the neighbours
             if turn.sum() <= 0 or shift.sum() <= 0:
                 raise InputError(f"frame {i} and its neighbours have no weight: nothing to average")
             smooth_R[i] = turns[a:b][turn > 0].mean(turn[turn > 0]).as_matrix()
@@ -80,7 +84,7 @@ def gaussian(R, t, time, sigma=0.1, weights=None, longest_gap=0.5):
     return smooth_R, smooth_t
 
 
-def sureness(covariance):
+def inverse_variances(covariance):
     """Weights (F, 2) for `gaussian` from the covariances (F, 6, 6) of (turn, shift) that a geometric network claims: 1 / their variances."""
     variances = np.diagonal(np.asarray(covariance, dtype=np.float64), axis1=1, axis2=2)  # (F, 6)
     return 1 / np.stack([variances[:, :3].sum(axis=1), variances[:, 3:].sum(axis=1)], axis=1)
@@ -116,8 +120,14 @@ class LiveFilter:
     def _start(self, R, t, time, position_cov, rotation_cov):
         self.R, self.t, self.time, self.passed_over = R, t, time, 0
         self.velocity, self.turn_rate = np.zeros(3), np.zeros(3)  # m/s camera axes; rad/s body axes
-        self.P_t, self.P_R = np.diag([0.0] * 3 + [3.0**2] * 3), np.diag([0.0] * 3 + [2.0**2] * 3)  # of the velocities not sure at all
-        self.P_t[:3, :3], self.P_R[:3, :3] = position_cov, rotation_cov  # of the pose as sure as of a measurement
+        self.P_t, self.P_R = (
+            np.diag([0.0] * 3 + [3.0**2] * 3),
+            np.diag([0.0] * 3 + [2.0**2] * 3),
+        )  # of the velocities not sure at all
+        self.P_t[:3, :3], self.P_R[:3, :3] = (
+            position_cov,
+            rotation_cov,
+        )  # of the pose as sure as of a measurement
 
     def update(self, time, R, t, position_cov=None, rotation_cov=None):
         """The pose at `time` (seconds), given all so far and this measurement.
@@ -141,12 +151,25 @@ class LiveFilter:
                 return None
             self._predict(time)
             return self.R.copy(), self.t.copy()
-        R, t = np.array(R, dtype=np.float64), np.array(t, dtype=np.float64)  # copies: the caller may use his arrays again
+        R, t = (
+            np.array(R, dtype=np.float64),
+            np.array(t, dtype=np.float64),
+        )  # copies: the caller may use his arrays again
         if R.shape != (3, 3) or t.shape != (3,) or not (np.isfinite(R).all() and np.isfinite(t).all()):
-            raise InputError(f"a measured pose needs a finite R (3, 3) and t (3,), got {R.shape} and {t.shape}")
+            raise InputError(
+                f"a measured pose needs a finite R (3, 3) and t (3,), got {R.shape} and {t.shape}"
+            )
         check_rotation(R, "a measured pose's R")
-        position_cov = np.eye(3) * self.position_noise**2 if position_cov is None else np.asarray(position_cov, dtype=np.float64)
-        rotation_cov = np.eye(3) * self.rotation_noise**2 if rotation_cov is None else np.asarray(rotation_cov, dtype=np.float64)
+        position_cov = (
+            np.eye(3) * self.position_noise**2
+            if position_cov is None
+            else np.asarray(position_cov, dtype=np.float64)
+        )
+        rotation_cov = (
+            np.eye(3) * self.rotation_noise**2
+            if rotation_cov is None
+            else np.asarray(rotation_cov, dtype=np.float64)
+        )
         for name, cov in (("position_cov", position_cov), ("rotation_cov", rotation_cov)):
             if cov.shape != (3, 3) or not np.isfinite(cov).all():
                 raise InputError(f"{name} must be finite and (3, 3), got {cov.shape}")
@@ -167,7 +190,9 @@ class LiveFilter:
         step[:3, 3:] = dt * np.eye(3)
         noise = np.kron([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]], np.eye(3))  # of a white acceleration
         turn = step.copy()
-        turn[:3, :3] = Rotation.from_rotvec(-dt * self.turn_rate).as_matrix()  # the error is in body axes, and they turned
+        turn[:3, :3] = Rotation.from_rotvec(
+            -dt * self.turn_rate
+        ).as_matrix()  # the error is in body axes, and they turned
         self.P_t = step @ self.P_t @ step.T + self.acceleration**2 * noise
         self.P_R = turn @ self.P_R @ turn.T + self.turning**2 * noise
 
@@ -180,7 +205,11 @@ class LiveFilter:
             return
         self.passed_over = 0
         self.t, self.velocity, self.P_t = self.t + place[:3], self.velocity + place[3:], P_t
-        self.R, self.turn_rate, self.P_R = self.R @ Rotation.from_rotvec(turn[:3]).as_matrix(), self.turn_rate + turn[3:], P_R
+        self.R, self.turn_rate, self.P_R = (
+            self.R @ Rotation.from_rotvec(turn[:3]).as_matrix(),
+            self.turn_rate + turn[3:],
+            P_R,
+        )
 
 
 def _kalman(P, away, noise):
@@ -203,6 +232,9 @@ def filtered(R, t, time, live=None, covariance=None):
         found = [live.update(*frame) for frame in zip(time, R, t, strict=True)]
     else:
         covariance = np.asarray(covariance, dtype=np.float64)
-        turn, shift = R.transpose(0, 2, 1) @ covariance[:, :3, :3] @ R, covariance[:, 3:, 3:]  # the filter wants turns in body axes
+        turn, shift = (
+            R.transpose(0, 2, 1) @ covariance[:, :3, :3] @ R,
+            covariance[:, 3:, 3:],
+        )  # the filter wants turns in body axes
         found = [live.update(*frame) for frame in zip(time, R, t, shift, turn, strict=True)]
     return np.stack([R for R, _ in found]), np.stack([t for _, t in found])

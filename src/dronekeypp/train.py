@@ -42,8 +42,8 @@ from tqdm import tqdm
 from dronekeypp import presets
 from dronekeypp.camera import mirror_keypoints
 from dronekeypp.errors import InputError
-from dronekeypp.evaluate import apply_model, evaluate, measure, poses, to_device
-from dronekeypp.files import alone, digest, read_json, write_beside
+from dronekeypp.evaluate import apply_model, evaluate, measure, read_annotations, to_device
+from dronekeypp.files import digest, lock_folder, read_json, write_beside
 from dronekeypp.model import DroneKeyPP, ModelConfig, PoseNetwork, loss_weights, total_loss
 from dronekeypp.model.backbone import find_weights
 from dronekeypp.presets import TrainConfig
@@ -61,8 +61,13 @@ class TrainState:
         backbone = list(model.backbone.parameters()) if model.backbone is not None else []
         known = {id(p) for p in backbone}
         rest = [p for p in model.parameters() if id(p) not in known]
-        groups = [{"params": rest, "share": 1.0}, {"params": backbone, "share": config.backbone_lr}]  # share: of the learning rate
-        self.optimiser = torch.optim.Adam([g for g in groups if g["params"]], lr=config.lr, weight_decay=config.weight_decay)
+        groups = [
+            {"params": rest, "share": 1.0},
+            {"params": backbone, "share": config.backbone_lr},
+        ]  # share: of the learning rate
+        self.optimiser = torch.optim.Adam(
+            [g for g in groups if g["params"]], lr=config.lr, weight_decay=config.weight_decay
+        )
         self.epoch = 0  # finished epochs
         self.history: list[dict[str, Any]] = []
         self.best_score = math.inf
@@ -80,7 +85,12 @@ class TrainState:
         for i, moments in self.optimiser.state_dict()["state"].items():
             tensors.update({f"adam/{names[i]}/{k}": v for k, v in moments.items()})
         tensors = {k: v.detach().cpu().contiguous() for k, v in tensors.items()}
-        header = {"epoch": self.epoch, "best_score": self.best_score, "history": self.history, "settings": self.settings}
+        header = {
+            "epoch": self.epoch,
+            "best_score": self.best_score,
+            "history": self.history,
+            "settings": self.settings,
+        }
         write_beside(path, save(tensors, {"state": json.dumps(header)}))
 
     def load(self, path: Path) -> None:
@@ -93,27 +103,42 @@ class TrainState:
             with safe_open(path, "pt") as file:
                 header = json.loads(file.metadata()["state"])
                 tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 (not a dict)
-            old, epoch, best_score, history = (header[key] for key in ("settings", "epoch", "best_score", "history"))
+            old, epoch, best_score, history = (
+                header[key] for key in ("settings", "epoch", "best_score", "history")
+            )
         except (SafetensorError, OSError, KeyError, TypeError, ValueError) as error:
-            raise InputError(f"{path} is not a readable training state ({error}); start again without --resume") from None
+            raise InputError(
+                f"{path} is not a readable training state ({error}); start again without --resume"
+            ) from None
         check_settings(old, self.settings, path)
-        parameters, places = dict(self.model.named_parameters()), {name: i for i, name in enumerate(self._names())}
+        parameters, places = (
+            dict(self.model.named_parameters()),
+            {name: i for i, name in enumerate(self._names())},
+        )
         moments: dict[int, dict[str, torch.Tensor]] = {}
         try:
-            self.model.load_state_dict({key.removeprefix("model/"): v for key, v in tensors.items() if key.startswith("model/")})
+            self.model.load_state_dict(
+                {key.removeprefix("model/"): v for key, v in tensors.items() if key.startswith("model/")}
+            )
             for key, value in tensors.items():
                 if key.startswith("adam/"):
                     _, parameter, name = key.split("/")
                     # In the memory layout of the weight: sums in another order would differ in the last bit.
                     like = parameters[parameter] if value.dim() else value
-                    moments.setdefault(places[parameter], {})[name] = torch.empty_like(like).copy_(value).detach()
+                    moments.setdefault(places[parameter], {})[name] = (
+                        torch.empty_like(like).copy_(value).detach()
+                    )
         except (RuntimeError, KeyError, ValueError):
             raise InputError(f"{path} belongs to another network; start again without --resume") from None
-        self.optimiser.load_state_dict({"state": moments, "param_groups": self.optimiser.state_dict()["param_groups"]})
+        self.optimiser.load_state_dict(
+            {"state": moments, "param_groups": self.optimiser.state_dict()["param_groups"]}
+        )
         self.epoch, self.best_score, self.history = epoch, best_score, history
 
 
-def run_settings(method: str, model: ModelConfig, config: TrainConfig, data: dict[str, Any]) -> dict[str, dict[str, Any]]:
+def run_settings(
+    method: str, model: ModelConfig, config: TrainConfig, data: dict[str, Any]
+) -> dict[str, dict[str, Any]]:
     """What config.json of a run holds, and what must be the same when it is resumed."""
     return {"model": {"method": method, **model.to_dict()}, "train": config.to_dict(), "data": data}
 
@@ -126,13 +151,17 @@ def check_settings(old: dict, new: dict, where: Path) -> None:
     usual = {"model": ModelConfig().to_dict(), "train": TrainConfig().to_dict()}
     try:
         pairs = [
-            (f"{part}.{k}", old[part].get(k, usual.get(part, {}).get(k)), new[part].get(k)) for part in new for k in old[part] | new[part]
+            (f"{part}.{k}", old[part].get(k, usual.get(part, {}).get(k)), new[part].get(k))
+            for part in new
+            for k in old[part] | new[part]
         ]
     except (KeyError, AttributeError, TypeError) as error:
         raise InputError(f"{where} is broken ({error!r}); start again in another folder") from None
     for key, was, now in pairs:
         if was != now and key.split(".")[1] not in FREE_KEYS:
-            raise InputError(f"cannot resume {where}: {key} was {was!r} and is now {now!r}; use the old one or another folder")
+            raise InputError(
+                f"cannot resume {where}: {key} was {was!r} and is now {now!r}; use the old one or another folder"
+            )
 
 
 def epoch_order(n: int, config: TrainConfig, epoch: int, rank: int = 0, world: int = 1) -> list[int]:
@@ -147,9 +176,11 @@ def epoch_order(n: int, config: TrainConfig, epoch: int, rank: int = 0, world: i
     return order[rank::world]
 
 
-def coin(config: TrainConfig, epoch: int, rank: int = 0) -> torch.Generator:
+def mirror_generator(config: TrainConfig, epoch: int, rank: int = 0) -> torch.Generator:
     """The generator that decides which frames of an epoch are mirrored."""
-    return torch.Generator().manual_seed(int(np.random.SeedSequence([config.seed, epoch, rank, 1]).generate_state(1)[0]))
+    return torch.Generator().manual_seed(
+        int(np.random.SeedSequence([config.seed, epoch, rank, 1]).generate_state(1)[0])
+    )
 
 
 def mirrored(items: dict, chosen: torch.Tensor) -> dict:
@@ -160,7 +191,9 @@ def mirrored(items: dict, chosen: torch.Tensor) -> dict:
     mirrored about the principal point. Flights are few and each has few headings; this doubles them.
     """
     swap = [1, 0, 3, 2]  # FL, FR, RR, RL
-    S, body = (torch.diag(torch.tensor(d, device=chosen.device)) for d in ((-1.0, 1.0, 1.0), (1.0, -1.0, 1.0)))
+    S, body = (
+        torch.diag(torch.tensor(d, device=chosen.device)) for d in ((-1.0, 1.0, 1.0), (1.0, -1.0, 1.0))
+    )
     x, y, side = items["square"].unbind(1)
     other = {
         "image": items["image"].flip(3),
@@ -171,7 +204,9 @@ def mirrored(items: dict, chosen: torch.Tensor) -> dict:
         "t": items["t"] @ S,
         "visible": items["visible"][:, swap],
     }
-    return {k: torch.where(chosen.view(-1, *[1] * (v.dim() - 1)), other.get(k, v), v) for k, v in items.items()}
+    return {
+        k: torch.where(chosen.view(-1, *[1] * (v.dim() - 1)), other.get(k, v), v) for k, v in items.items()
+    }
 
 
 def learning_rate(config: TrainConfig, step: int, steps: int) -> float:
@@ -189,7 +224,9 @@ def check_finite(terms: dict[str, torch.Tensor], items: dict, epoch: int, number
         if value.is_floating_point() and not torch.isfinite(value).all():
             i = int((~torch.isfinite(value.flatten(1))).any(dim=1).int().argmax())
             where = f"scene {int(items['scene'][i])} frame {int(items['frame'][i])}"
-            raise InputError(f"epoch {epoch} batch {number}: {bad[0]} is not finite, because {name} of {where} is not; mend the data")
+            raise InputError(
+                f"epoch {epoch} batch {number}: {bad[0]} is not finite, because {name} of {where} is not; mend the data"
+            )
     raise InputError(f"epoch {epoch} batch {number}: {bad[0]} is not finite; lower lr, or set clip=1")
 
 
@@ -204,7 +241,11 @@ def choose_device(config: TrainConfig) -> torch.device:
 def spaced(dataset: Dataset, frames: int) -> Dataset:
     """At most `frames` of a data set, evenly spaced; 0 means all."""
     n = len(dataset)
-    return Subset(dataset, np.linspace(0, n - 1, frames).round().astype(int).tolist()) if 0 < frames < n else dataset
+    return (
+        Subset(dataset, np.linspace(0, n - 1, frames).round().astype(int).tolist())
+        if 0 < frames < n
+        else dataset
+    )
 
 
 def fit(
@@ -235,10 +276,14 @@ def fit(
     if state is None:
         state = TrainState(model, config)
     if state.epoch == 0:
-        model.prepare(poses(spaced(train_set, 2048)))
-    network = DistributedDataParallel(model, find_unused_parameters=model.idle_parameters) if world > 1 else model
+        model.prepare(read_annotations(spaced(train_set, 2048)))
+    network = (
+        DistributedDataParallel(model, find_unused_parameters=model.idle_parameters) if world > 1 else model
+    )
     if config.batch % world:
-        raise InputError(f"batch={config.batch} cannot be shared by {world} processes; choose a multiple of {world}")
+        raise InputError(
+            f"batch={config.batch} cannot be shared by {world} processes; choose a multiple of {world}"
+        )
     batch = config.batch // world
     val_set = spaced(val_set, config.val_frames)
     steps_per_epoch = math.ceil(len(epoch_order(len(train_set), config, 0, rank, world)) / batch)
@@ -246,18 +291,24 @@ def fit(
 
     for epoch in range(state.epoch, config.epochs):
         tic = time.monotonic()
-        torch.manual_seed(int(np.random.SeedSequence([config.seed, epoch, rank]).generate_state(1)[0]))  # dropout
+        torch.manual_seed(
+            int(np.random.SeedSequence([config.seed, epoch, rank]).generate_state(1)[0])
+        )  # dropout
         whole = train_set
         while isinstance(whole, Subset):
             whole = whole.dataset
         if hasattr(whole, "set_epoch"):
             whole.set_epoch(epoch)  # augmentation
         order = epoch_order(len(train_set), config, epoch, rank, world)
-        loader = DataLoader(train_set, batch, sampler=order, num_workers=config.workers, generator=torch.Generator())
-        sums, flips = {}, coin(config, epoch, rank)
+        loader = DataLoader(
+            train_set, batch, sampler=order, num_workers=config.workers, generator=torch.Generator()
+        )
+        sums, flips = {}, mirror_generator(config, epoch, rank)
         model.train()
         hidden = not (progress and rank == 0 and sys.stderr.isatty())
-        for number, items in enumerate(tqdm(loader, f"epoch {epoch + 1}/{config.epochs}", disable=hidden, leave=False)):
+        for number, items in enumerate(
+            tqdm(loader, f"epoch {epoch + 1}/{config.epochs}", disable=hidden, leave=False)
+        ):
             step = epoch * steps_per_epoch + number
             lr = learning_rate(config, step, steps)
             for group in state.optimiser.param_groups:
@@ -265,7 +316,7 @@ def fit(
             items = to_device(items, device)
             if config.mirror:
                 items = mirrored(items, (torch.rand(len(items["t"]), generator=flips) < 0.5).to(device))
-            terms = model.losses(apply_model(network, items, model.told), items, config.keypoint_unit)
+            terms = model.losses(apply_model(network, items, model.truth_inputs), items, config.keypoint_unit)
             check_finite(terms, items, epoch + 1, number + 1)
             loss = total_loss(terms, loss_weights(config.schedule, step / max(1, steps - 1)))
             state.optimiser.zero_grad(set_to_none=True)
@@ -279,7 +330,11 @@ def fit(
             shared = torch.tensor(list(sums.values()), dtype=torch.float64, device=device)
             dist.all_reduce(shared)
             sums = dict(zip(sums, (shared / world).tolist(), strict=True))
-        row = {"epoch": epoch + 1, "lr": lr, **{f"train_{name}": total / len(order) for name, total in sums.items()}}
+        row = {
+            "epoch": epoch + 1,
+            "lr": lr,
+            **{f"train_{name}": total / len(order) for name, total in sums.items()},
+        }
         row["train_total"] = sum(row[f"train_{name}"] for name in sums)
         if rank == 0:  # the others wait at the broadcast below
             row.update(validate(model, val_set, config))
@@ -293,7 +348,9 @@ def fit(
                 print(describe(row, config, state.is_best), flush=True)
         if on_epoch:
             on_epoch(state)
-        out_of_time = torch.tensor(bool(config.max_minutes) and time.monotonic() - started > 60 * config.max_minutes, device=device)
+        out_of_time = torch.tensor(
+            bool(config.max_minutes) and time.monotonic() - started > 60 * config.max_minutes, device=device
+        )
         if world > 1:
             dist.broadcast(out_of_time, 0)
         if out_of_time:
@@ -304,7 +361,11 @@ def fit(
 def validate(model: PoseNetwork, val_set: Dataset, config: TrainConfig) -> dict[str, float]:
     """Losses and errors on the validation frames, as columns of metrics.csv, and the score (lower is better)."""
     frames = evaluate(
-        model, val_set, config.batch, config.workers, lambda output, batch: model.losses(output, batch, config.keypoint_unit)
+        model,
+        val_set,
+        config.batch,
+        config.workers,
+        lambda output, batch: model.losses(output, batch, config.keypoint_unit),
     )
     row = {f"val_{name}": value for name, value in frames["losses"].items()}
     row["val_total"] = sum(row.values())
@@ -313,7 +374,9 @@ def validate(model: PoseNetwork, val_set: Dataset, config: TrainConfig) -> dict[
     parts = (float(frames["keypoint_units"].mean()),) if model.judged_by == "keypoints" else pose
     known = [part for part in parts if not math.isnan(part)]
     if not known:
-        raise InputError(f"{model.method} is judged by its {model.judged_by} and predicts none: no epoch can be the best (PoseNetwork.judged_by)")
+        raise InputError(
+            f"{model.method} is judged by its {model.judged_by} and predicts none: no epoch can be the best (PoseNetwork.judged_by)"
+        )
     row["score"] = sum(known)
     return row
 
@@ -324,7 +387,9 @@ def describe(row: dict[str, Any], config: TrainConfig, is_best: bool) -> str:
         "R": (row["val_R_medae_deg"], "{:.2f}°"), "t": (row["val_t_medae_m"], "{:.3f} m"),
         "class": (100 * row["val_class_accuracy"], "{:.1f} %"), "keypoints": (row["val_keypoint_crop_px"], "{:.2f} px of the crop"),
     }  # fmt: skip
-    found = "  ".join(f"{name} {form.format(value)}" for name, (value, form) in parts.items() if not math.isnan(value))
+    found = "  ".join(
+        f"{name} {form.format(value)}" for name, (value, form) in parts.items() if not math.isnan(value)
+    )
     return (
         f"epoch {row['epoch']:3d}/{config.epochs}  loss {row['train_total']:.4f}  val {row['val_total']:.4f}  {found}  "
         f"{row['seconds']:.0f} s{'  best' if is_best else ''}"
@@ -346,21 +411,35 @@ def train(
         InputError: a setting, the data set or the run folder does not fit; see `train_on` and `presets.preset`.
     """
     from dronekeypp.baselines import network_class
-    from dronekeypp.sixdronesyn.dataset import SixDroneSyn  # here, so that a network trains on other data without it
+    from dronekeypp.sixdronesyn.dataset import (
+        SixDroneSyn,
+    )  # here, so that a network trains on other data without it
 
     network = network_class(method)
     model_config, config = presets.preset(preset, {**network.defaults, **(overrides or {})})
     size = model_config.image_size
-    train_set = SixDroneSyn(dataset_root, "train", size=size, augment=config.augment, degrade=config.degrade, seed=config.seed)
+    train_set = SixDroneSyn(
+        dataset_root, "train", size=size, augment=config.augment, degrade=config.degrade, seed=config.seed
+    )
     val_set = SixDroneSyn(dataset_root, "val", size=size)
     drones = max(frame.obj_id for frame in train_set.frames + val_set.frames)
     if drones > model_config.classes:
-        raise InputError(f"drone number {drones} is in the data, and there are {model_config.classes} classes: --set classes={drones}")
+        raise InputError(
+            f"drone number {drones} is in the data, and there are {model_config.classes} classes: --set classes={drones}"
+        )
     return train_on(train_set, val_set, out, model_config, config, resume, progress, network=network)
 
 
 def train_on(
-    train_set, val_set, out, model_config, config, resume=False, progress=False, on_epoch=None, network: type[PoseNetwork] = DroneKeyPP
+    train_set,
+    val_set,
+    out,
+    model_config,
+    config,
+    resume=False,
+    progress=False,
+    on_epoch=None,
+    network: type[PoseNetwork] = DroneKeyPP,
 ) -> Path:
     """`train` for any two data sets whose items are those of `SixDroneSyn`, and any network made from a ModelConfig.
 
@@ -374,7 +453,7 @@ def train_on(
         main = not dist.is_initialized() or dist.get_rank() == 0
         if main:
             prepare_folder(out, run_settings(network.method, model_config, config, data), resume)
-            held.enter_context(alone(out))
+            held.enter_context(lock_folder(out))
         if dist.is_initialized():
             dist.barrier()
         torch.manual_seed(config.seed)  # the network's first weights
@@ -403,7 +482,12 @@ def describe_data(train_set: Dataset, val_set: Dataset) -> dict[str, Any]:
     """What a run must find again to be resumed: the frames, their manifest's digest (None without one), the number of processes."""
     digest = getattr(train_set, "manifest", {}).get("digest")
     processes = dist.get_world_size() if dist.is_initialized() else 1
-    return {"train_frames": len(train_set), "val_frames": len(val_set), "digest": digest, "processes": processes}
+    return {
+        "train_frames": len(train_set),
+        "val_frames": len(val_set),
+        "digest": digest,
+        "processes": processes,
+    }
 
 
 def weights_digest(config: ModelConfig) -> str | None:
@@ -432,7 +516,9 @@ def to_csv(history: list[dict[str, Any]]) -> str:
     text = io.StringIO()
     writer = csv.DictWriter(text, list(history[0]), lineterminator="\n")
     writer.writeheader()
-    writer.writerows({k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()} for row in history)
+    writer.writerows(
+        {k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()} for row in history
+    )
     return text.getvalue()
 
 

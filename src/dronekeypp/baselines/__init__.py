@@ -5,13 +5,15 @@ YOLOv8n-pose is no part of this: it is AGPL software and lives in `baselines.yol
 
 from pathlib import Path
 
-from ..errors import InputError
-from ..model import DroneKeyPP, PoseNetwork
-from ..model.base import read_config
-from .dronekey import DroneKey
-from .dronepose import DronePose
+from dronekeypp.baselines.dronekey import DroneKey
+from dronekeypp.baselines.dronepose import DronePose
+from dronekeypp.errors import InputError
+from dronekeypp.model import DroneKeyPP, PoseNetwork
+from dronekeypp.model.base import read_config
 
-NETWORKS: dict[str, type[PoseNetwork]] = {network.method: network for network in (DroneKeyPP, DroneKey, DronePose)}
+NETWORKS: dict[str, type[PoseNetwork]] = {
+    network.method: network for network in (DroneKeyPP, DroneKey, DronePose)
+}
 
 
 def network_class(method: str) -> type[PoseNetwork]:

@@ -23,7 +23,7 @@ class DroneKey(PoseNetwork):
     """
 
     method = "DroneKey"
-    told = ("label",)  # the drone, hence its true size
+    truth_inputs = ("label",)  # the drone, hence its true size
     judged_by = "keypoints"
     defaults = {"pool": "mean"}
 
@@ -32,20 +32,28 @@ class DroneKey(PoseNetwork):
         self.config = config or ModelConfig(**self.defaults)
         self.backbone = Backbone(self.config, load=load_backbone)
         self.encoder = KeypointEncoder(self.config, self.backbone.channels)
-        self.encoder.to_class.requires_grad_(False)  # it has no classifier; its [cls] is one more token to look at
+        self.encoder.to_class.requires_grad_(
+            False
+        )  # it has no classifier; its [cls] is one more token to look at
         self.pnp = PnPPose(self.config.classes)
 
     def prepare(self, annotations: dict[str, Tensor]) -> None:
         """The true hub geometry, which PnP needs."""
         self.pnp.learn(annotations)
 
-    def forward(self, image: Tensor, K: Tensor, square: Tensor, label: Tensor | None = None) -> dict[str, Tensor]:
+    def forward(
+        self, image: Tensor, K: Tensor, square: Tensor, label: Tensor | None = None
+    ) -> dict[str, Tensor]:
         """image (B, 3, S, S), K (B, 3, 3), square (B, 3), label (B,) -> keypoints (B, 4, 2) crop units; not in training: R, t, failed.
 
         Raises:
             InputError: no label outside training: without the true size there is no pose.
         """
-        found = {name: value for name, value in self.encoder(self.backbone(image)).items() if name in ("keypoints", "gate")}
+        found = {
+            name: value
+            for name, value in self.encoder(self.backbone(image)).items()
+            if name in ("keypoints", "gate")
+        }
         if self.training:
             return found
         if label is None:

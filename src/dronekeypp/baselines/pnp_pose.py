@@ -42,7 +42,9 @@ class PnPPose(nn.Module):
         body = annotations["keypoints_3d"] @ R  # camera axes -> body axes, (F, 4, 3)
         for c in range(len(self.hubs)):
             if not (label == c).any():
-                raise InputError(f"PnP needs the size of every drone, and the training set has no frame of class {c}")
+                raise InputError(
+                    f"PnP needs the size of every drone, and the training set has no frame of class {c}"
+                )
             self.hubs[c] = body[label == c].median(dim=0).values
         self.fallback_R.copy_(rotations.best_constant_rotation(R))
         self.fallback_t.copy_(annotations["t"].median(dim=0).values)
@@ -55,13 +57,19 @@ class PnPPose(nn.Module):
             InputError: it has not learned the hubs yet.
         """
         if not self.hubs.any():
-            raise InputError("PnP does not know the drones' sizes yet: call learn() with training annotations first")
+            raise InputError(
+                "PnP does not know the drones' sizes yet: call learn() with training annotations first"
+            )
         R, t = self.fallback_R.repeat(len(pixels), 1, 1), self.fallback_t.repeat(len(pixels), 1)
         failed = torch.ones(len(pixels), dtype=torch.bool, device=pixels.device)
-        for i, (hubs, points, camera) in enumerate(zip(*(x.cpu().numpy() for x in (self.hubs[label], pixels, K)), strict=True)):
+        for i, (hubs, points, camera) in enumerate(
+            zip(*(x.cpu().numpy() for x in (self.hubs[label], pixels, K)), strict=True)
+        ):
             found = solve_pnp(hubs, points, camera) if np.isfinite(points).all() else []
             if found:
-                best = found[0] if self.hypothesis == "fit" else min(found, key=lambda s: s.R[1, 2])  # camera y points down
+                best = (
+                    found[0] if self.hypothesis == "fit" else min(found, key=lambda s: s.R[1, 2])
+                )  # camera y points down
                 R[i], t[i] = torch.from_numpy(best.R), torch.from_numpy(best.t)
                 failed[i] = False
         return {"R": R, "t": t, "failed": failed}

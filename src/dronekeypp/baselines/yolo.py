@@ -42,7 +42,9 @@ def installed() -> bool:
 def _in_own_process(function: Callable, *arguments) -> Any:
     """The value of `function(*arguments)`, called in a fresh process."""
     if not installed():
-        raise InputError('YOLOv8n-pose is an optional extra (ultralytics, AGPL-3.0): pip install -e ".[yolo]"')
+        raise InputError(
+            'YOLOv8n-pose is an optional extra (ultralytics, AGPL-3.0): pip install -e ".[yolo]"'
+        )
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         return pool.submit(function, *arguments).result()
 
@@ -74,7 +76,10 @@ def export(datasets: dict[str, Any], out: str | Path, names: Sequence[str]) -> P
                 continue
             item, square = data[i], data.square(i)
             picture = np.ascontiguousarray(pixels(item["image"][None])[0])
-            write_beside(out / "images" / split / f"{name}.jpg", cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes())
+            write_beside(
+                out / "images" / split / f"{name}.jpg",
+                cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes(),
+            )
             write_beside(label, (label_line(item, frame.box, square) + "\n").encode())
     listed = "".join(f"  {i}: {name}\n" for i, name in enumerate(names))
     text = f"path: {out.resolve()}\ntrain: images/train\nval: images/val\nkpt_shape: [4, 3]\nflip_idx: [1, 0, 3, 2]\nnames:\n{listed}"
@@ -98,7 +103,13 @@ def label_line(item: dict[str, Tensor], box: Sequence[float], square: Sequence[f
     return " ".join([str(int(item["label"])), *(f"{value:.6f}" for value in numbers), *points])
 
 
-def train(datasets: dict[str, Any], out: str | Path, names: Sequence[str], settings: dict[str, Any], device: str = "cpu") -> Path:
+def train(
+    datasets: dict[str, Any],
+    out: str | Path,
+    names: Sequence[str],
+    settings: dict[str, Any],
+    device: str = "cpu",
+) -> Path:
     """Train yolov8n-pose from scratch on crops ({"train": SixDroneSyn, "val": …}) into the folder `out`; returns the best checkpoint.
 
     `settings`: size, epochs, batch, seed, and the digest of the data. A finished training is left alone; one that was killed goes on
@@ -113,7 +124,9 @@ def train(datasets: dict[str, Any], out: str | Path, names: Sequence[str], setti
         old = json.loads((out / SETTINGS).read_text())
         for key, value in settings.items():
             if old.get(key) != value:
-                raise InputError(f"cannot resume {out}: {key} was {old.get(key)!r} and is now {value!r}; use the old one or another folder")
+                raise InputError(
+                    f"cannot resume {out}: {key} was {old.get(key)!r} and is now {value!r}; use the old one or another folder"
+                )
     elif not installed():
         _in_own_process(print)  # says what to install
     write_beside(out / SETTINGS, (json.dumps(settings) + "\n").encode())
@@ -153,7 +166,14 @@ def _train(data: Path, out: Path, settings: dict[str, Any], device: str) -> None
         return
     model = YOLO(str(last) if behind else "yolov8n-pose.yaml")
     model.add_callback("on_model_save", keep)
-    common = {"data": str(data), "imgsz": settings["size"], "batch": settings["batch"], "workers": 0, "device": device, "plots": False}
+    common = {
+        "data": str(data),
+        "imgsz": settings["size"],
+        "batch": settings["batch"],
+        "workers": 0,
+        "device": device,
+        "plots": False,
+    }
     if behind:
         model.train(resume=True, save_dir=str(out / "run"), **common)
     else:
@@ -183,8 +203,12 @@ def _detect(weights: Path, pictures: np.ndarray, device: str) -> list[tuple[list
     found = []
     for start in range(0, len(pictures), 64):
         part = list(pictures[start : start + 64])
-        for answer in model.predict(part, imgsz=pictures.shape[1], conf=CONFIDENCE, max_det=1, verbose=False, device=device):
-            found.append((answer.keypoints.xy[0].tolist(), int(answer.boxes.cls[0])) if len(answer.boxes) else None)
+        for answer in model.predict(
+            part, imgsz=pictures.shape[1], conf=CONFIDENCE, max_det=1, verbose=False, device=device
+        ):
+            found.append(
+                (answer.keypoints.xy[0].tolist(), int(answer.boxes.cls[0])) if len(answer.boxes) else None
+            )
     return found
 
 

@@ -59,7 +59,9 @@ class Exercise:
         for message, wrong in self.mistakes.items():
             if all(same(answer, flat(wrong(*copied(given))), self.close) for given, answer, _ in cases):
                 return message
-        return difference(*next((answer, right) for _, answer, right in cases if not same(answer, right, self.close)))
+        return difference(
+            *next((answer, right) for _, answer, right in cases if not same(answer, right, self.close))
+        )
 
     def __call__(self, function: Callable) -> None:
         """Print the verdict, one line."""
@@ -81,7 +83,10 @@ def flat(answer: Any) -> list[np.ndarray]:
     """An answer as a list of arrays: numbers, arrays, tensors, or a tuple, list or dict of them."""
     if isinstance(answer, dict):
         answer = [answer[key] for key in sorted(answer)]
-    if isinstance(answer, tuple) or (isinstance(answer, list) and any(isinstance(v, (tuple, list, np.ndarray, torch.Tensor)) for v in answer)):
+    if isinstance(answer, tuple) or (
+        isinstance(answer, list)
+        and any(isinstance(v, (tuple, list, np.ndarray, torch.Tensor)) for v in answer)
+    ):
         return [array for part in answer for array in flat(part)]
     return [np.asarray(answer.detach().cpu() if torch.is_tensor(answer) else answer)]
 
@@ -106,7 +111,9 @@ def difference(answer: list[np.ndarray], right: list[np.ndarray]) -> str:
         return f"wrong: {answer[0]!r}, expected {right[0]!r}"
     if any(np.isnan(a).any() and not np.isnan(r).any() for a, r in zip(answer, right, strict=True)):
         return "wrong: there are NaN in the answer"
-    off = max(float(np.abs(np.asarray(a, float) - r).max(initial=0)) for a, r in zip(answer, right, strict=True))
+    off = max(
+        float(np.abs(np.asarray(a, float) - r).max(initial=0)) for a, r in zip(answer, right, strict=True)
+    )
     return f"wrong: right shape, but numbers up to {off:.2g} off"
 
 

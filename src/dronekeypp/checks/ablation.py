@@ -4,7 +4,7 @@ from itertools import combinations
 
 import numpy as np
 
-from . import Exercise
+from dronekeypp.checks import Exercise
 
 
 def two_places(rng):
@@ -13,7 +13,9 @@ def two_places(rng):
     return true * rng.uniform(0.6, 1.4, (8, 1)) + rng.normal(0, 0.3, (8, 3)), true
 
 
-def direction_and_distance(predicted, true, degrees=True, lengths=True, signed=False, over="true", percent=100):
+def direction_and_distance(
+    predicted, true, degrees=True, lengths=True, signed=False, over="true", percent=100
+):
     """The solution, and with other arguments the mistakes."""
     far, true_far = np.linalg.norm(predicted, axis=1), np.linalg.norm(true, axis=1)
     with np.errstate(invalid="ignore"):
@@ -61,11 +63,17 @@ def difference_verdict(A, B, drawn, interval="paired", tails=(2.5, 97.5), pairs=
         "first seed": (B[0] - A[0])[drawn].mean(axis=1),
     }
     if interval == "separate":
-        (low_A, high_A), (low_B, high_B) = (np.percentile(v.mean(axis=0)[drawn].mean(axis=1), tails) for v in (A, B))
+        (low_A, high_A), (low_B, high_B) = (
+            np.percentile(v.mean(axis=0)[drawn].mean(axis=1), tails) for v in (A, B)
+        )
         low, high = low_B - high_A, high_B - low_A
     else:
         low, high = np.percentile(means[interval], tails)
-    by_seed = np.subtract.outer(B.mean(axis=1), A.mean(axis=1)) if pairs == "all" else B.mean(axis=1) - A.mean(axis=1)
+    by_seed = (
+        np.subtract.outer(B.mean(axis=1), A.mean(axis=1))
+        if pairs == "all"
+        else B.mean(axis=1) - A.mean(axis=1)
+    )
     clear, agreed = low > 0 or high < 0, (by_seed > 0).all() or (by_seed < 0).all()
     sure = {"both": clear and agreed, "either": clear or agreed, "interval": clear, "seeds": agreed}[ask]
     return low, high, int(np.sign(apart.mean())) * int(sure)
@@ -95,14 +103,27 @@ EXERCISES = [
         direction_and_distance,
         two_places,
         {
-            "your angles are radians; np.degrees makes them degrees": lambda *given: direction_and_distance(*given, degrees=False),
-            "arccos wants a cosine: divide the product by both lengths first": lambda *given: direction_and_distance(*given, lengths=False),
-            "your second answer is the whole shift over the distance; compare only the two distances, how far predicted and how far true": (
-                lambda predicted, true: (direction_and_distance(predicted, true)[0], relative_shift(predicted, true))
+            "your angles are radians; np.degrees makes them degrees": lambda *given: direction_and_distance(
+                *given, degrees=False
             ),
-            "too near and too far would cancel in a mean: take the absolute value": lambda *given: direction_and_distance(*given, signed=True),
-            "you divide by the predicted distance; the true one is the yardstick": lambda *given: direction_and_distance(*given, over="predicted"),
-            "the distance is off by a share; times 100 makes it per cent": lambda *given: direction_and_distance(*given, percent=1),
+            "arccos wants a cosine: divide the product by both lengths first": lambda *given: (
+                direction_and_distance(*given, lengths=False)
+            ),
+            "your second answer is the whole shift over the distance; compare only the two distances, how far predicted and how far true": (
+                lambda predicted, true: (
+                    direction_and_distance(predicted, true)[0],
+                    relative_shift(predicted, true),
+                )
+            ),
+            "too near and too far would cancel in a mean: take the absolute value": lambda *given: (
+                direction_and_distance(*given, signed=True)
+            ),
+            "you divide by the predicted distance; the true one is the yardstick": lambda *given: (
+                direction_and_distance(*given, over="predicted")
+            ),
+            "the distance is off by a share; times 100 makes it per cent": lambda *given: (
+                direction_and_distance(*given, percent=1)
+            ),
         },
     ),
     Exercise(
@@ -110,15 +131,21 @@ EXERCISES = [
         loglog_slope,
         told_drones,
         {
-            "you fitted the ratios; a power law is a line only between their logarithms": lambda *given: loglog_slope(*given, logs=False),
+            "you fitted the ratios; a power law is a line only between their logarithms": lambda *given: (
+                loglog_slope(*given, logs=False)
+            ),
             "your slope is negative: the size ratio is told over true, the row is the true drone and the column the told one": (
                 lambda *given: loglog_slope(*given, told_over_true=False)
             ),
             "the slope is right, but leave the diagonal out of both: there the told drone is the true one": (
                 lambda *given: loglog_slope(*given, diagonal=True)
             ),
-            "the slope is right, the second number is r; the share of the variance is its square": lambda *given: loglog_slope(*given, squared=False),
-            "you fitted the size ratio to the distance ratio; the question is the other way round": lambda *given: loglog_slope(*given, swapped=True),
+            "the slope is right, the second number is r; the share of the variance is its square": lambda *given: (
+                loglog_slope(*given, squared=False)
+            ),
+            "you fitted the size ratio to the distance ratio; the question is the other way round": lambda *given: (
+                loglog_slope(*given, swapped=True)
+            ),
         },
     ),
     Exercise(
@@ -144,11 +171,15 @@ EXERCISES = [
             "you drew A and B apart; take the difference on each sequence first, so that what makes it hard cancels": (
                 lambda *given: difference_verdict(*given, interval="separate")
             ),
-            "a 95 % interval leaves out 2.5 % on each side, yours 5 %": lambda *given: difference_verdict(*given, tails=(5, 95)),
+            "a 95 % interval leaves out 2.5 % on each side, yours 5 %": lambda *given: difference_verdict(
+                *given, tails=(5, 95)
+            ),
             "you used the first seed alone; average the seeds before the sequences are compared": (
                 lambda *given: difference_verdict(*given, interval="first seed")
             ),
-            "you took A minus B: these are errors, B is worse where B minus A is positive": lambda A, B, drawn: difference_verdict(B, A, drawn),
+            "you took A minus B: these are errors, B is worse where B minus A is positive": lambda A, B, drawn: (
+                difference_verdict(B, A, drawn)
+            ),
         },
         tries=40,
     ),
@@ -157,10 +188,18 @@ EXERCISES = [
         permutation_test,
         few_seeds,
         {
-            "count the deals that are as bad as what happened, too: at least, not more than": lambda A, B: permutation_test(A, B, strict=True),
-            "you ask whether A is worse than B; the question is whether B is worse": lambda A, B: permutation_test(A, B, sign=-1),
-            "you count both signs; the question is only whether B is worse": lambda A, B: permutation_test(A, B, two_sided=True),
-            "deal as many to B as B has; you dealt as many as A has": lambda A, B: permutation_test(A, B, size=len),
+            "count the deals that are as bad as what happened, too: at least, not more than": lambda A, B: (
+                permutation_test(A, B, strict=True)
+            ),
+            "you ask whether A is worse than B; the question is whether B is worse": lambda A, B: (
+                permutation_test(A, B, sign=-1)
+            ),
+            "you count both signs; the question is only whether B is worse": lambda A, B: permutation_test(
+                A, B, two_sided=True
+            ),
+            "deal as many to B as B has; you dealt as many as A has": lambda A, B: permutation_test(
+                A, B, size=len
+            ),
             "this is the share of pairs, one of A and one of B; shuffle who belongs to whom and compare the means": (
                 lambda A, B: np.greater_equal.outer(B, A).mean()
             ),

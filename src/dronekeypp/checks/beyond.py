@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.stats import chi2
 
-from . import Exercise
+from dronekeypp.checks import Exercise
 
 
 def a_problem(rng):
@@ -68,9 +68,13 @@ EXERCISES = [
         weighted_step,
         a_problem,
         {
-            "you leave the sigmas out: every residual pulls alike": lambda *given: weighted_step(*given, power=0),
+            "you leave the sigmas out: every residual pulls alike": lambda *given: weighted_step(
+                *given, power=0
+            ),
             "the weights are 1 / sigma squared, not 1 / sigma": lambda *given: weighted_step(*given, power=1),
-            "upside down: what is uncertain (a large sigma) must pull less": lambda *given: weighted_step(*given, power=-2),
+            "upside down: what is uncertain (a large sigma) must pull less": lambda *given: weighted_step(
+                *given, power=-2
+            ),
             "the sign: this step goes uphill": lambda *given: weighted_step(*given, sign=1.0),
             "this is the gradient; divide by J'WJ": lambda r, J, sigmas: -J.T @ (r / sigmas**2),
         },
@@ -80,11 +84,19 @@ EXERCISES = [
         place_and_spread,
         a_map,
         {
-            "the place of a cell is its centre, half a cell further than its corner": lambda scores: place_and_spread(scores, offset=0.0),
-            "x and y are swapped: columns are x, rows are y": lambda scores: place_and_spread(scores, swap=True),
-            "the softmax runs over the whole map, not over every row by itself": lambda scores: place_and_spread(scores, axis=1),
+            "the place of a cell is its centre, half a cell further than its corner": lambda scores: (
+                place_and_spread(scores, offset=0.0)
+            ),
+            "x and y are swapped: columns are x, rows are y": lambda scores: place_and_spread(
+                scores, swap=True
+            ),
+            "the softmax runs over the whole map, not over every row by itself": lambda scores: (
+                place_and_spread(scores, axis=1)
+            ),
             "you forgot the square root of the spread": lambda scores: place_and_spread(scores, square=False),
-            "in cells; divide by their number, for crop units": lambda scores: tuple(len(scores) * v for v in place_and_spread(scores)),
+            "in cells; divide by their number, for crop units": lambda scores: tuple(
+                len(scores) * v for v in place_and_spread(scores)
+            ),
         },
     ),
     Exercise(
@@ -93,18 +105,26 @@ EXERCISES = [
         errors_and_claims,
         {
             "three numbers have three degrees of freedom: this is the quantile for one": (
-                lambda errors, covariances, level: (mahalanobis(errors, covariances) <= chi2.ppf(level, 1)).mean()
+                lambda errors, covariances, level: (
+                    mahalanobis(errors, covariances) <= chi2.ppf(level, 1)
+                ).mean()
             ),
             "compare the squared distance with the quantile, not its root": (
-                lambda errors, covariances, level: (np.sqrt(mahalanobis(errors, covariances)) <= chi2.ppf(level, 3)).mean()
+                lambda errors, covariances, level: (
+                    np.sqrt(mahalanobis(errors, covariances)) <= chi2.ppf(level, 3)
+                ).mean()
             ),
             "multiply with the inverse of the covariance, not with the covariance": (
-                lambda errors, covariances, level: (mahalanobis(errors, np.linalg.inv(covariances)) <= chi2.ppf(level, 3)).mean()
+                lambda errors, covariances, level: (
+                    mahalanobis(errors, np.linalg.inv(covariances)) <= chi2.ppf(level, 3)
+                ).mean()
             ),
             "this is the share outside": lambda *given: 1 - inside_share(*given),
             "a share lies between 0 and 1; this is per cent": lambda *given: 100 * inside_share(*given),
             "take the whole covariance, not only its diagonal": (
-                lambda errors, covariances, level: (mahalanobis(errors, covariances * np.eye(3)) <= chi2.ppf(level, 3)).mean()
+                lambda errors, covariances, level: (
+                    mahalanobis(errors, covariances * np.eye(3)) <= chi2.ppf(level, 3)
+                ).mean()
             ),
         },
         tries=6,
@@ -114,9 +134,18 @@ EXERCISES = [
         fused,
         two_looks,
         {
-            "this is the plain average; the surer of the two must count more": lambda a, A, b, B: ((a + b) / 2, (A + B) / 4),
-            "upside down: weigh with the inverse covariances": lambda a, A, b, B: (np.linalg.inv(A + B) @ (A @ a + B @ b), fused(a, A, b, B)[1]),
-            "the place is right; its covariance is the inverse of the summed inverses": lambda a, A, b, B: (fused(a, A, b, B)[0], A + B),
+            "this is the plain average; the surer of the two must count more": lambda a, A, b, B: (
+                (a + b) / 2,
+                (A + B) / 4,
+            ),
+            "upside down: weigh with the inverse covariances": lambda a, A, b, B: (
+                np.linalg.inv(A + B) @ (A @ a + B @ b),
+                fused(a, A, b, B)[1],
+            ),
+            "the place is right; its covariance is the inverse of the summed inverses": lambda a, A, b, B: (
+                fused(a, A, b, B)[0],
+                A + B,
+            ),
             "the place is right; you return the information, the covariance is its inverse": (
                 lambda a, A, b, B: (fused(a, A, b, B)[0], np.linalg.inv(A) + np.linalg.inv(B))
             ),

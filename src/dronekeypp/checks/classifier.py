@@ -6,9 +6,8 @@ import numpy as np
 import torch
 from torch.nn import functional
 
+from dronekeypp.checks import Exercise
 from dronekeypp.sixdronesyn.drones import DRONES
-
-from . import Exercise
 
 
 def extreme_logits(rng):
@@ -79,7 +78,9 @@ def truth_probability(probs, label, bins):
 
 def believed_wheelbases(rng):
     """probs (7,), wheelbases (7,) m."""
-    return rng.dirichlet(np.ones(7)), np.array([drone.wheelbase for drone in DRONES.values()]) * rng.uniform(0.8, 1.2, 7)
+    return rng.dirichlet(np.ones(7)), np.array([drone.wheelbase for drone in DRONES.values()]) * rng.uniform(
+        0.8, 1.2, 7
+    )
 
 
 EXERCISES = [
@@ -89,10 +90,18 @@ EXERCISES = [
         labels_and_answers,
         {
             "these are counts; divide each row by its sum": counts,
-            "rows and columns are swapped: the row is the true class": lambda *given: confusion_shares(*given).T,
-            "you divided by the number of all frames; divide each row by its own sum": lambda *given: counts(*given) / len(given[0]),
-            "your columns sum to 1; divide each row by its own sum": lambda *given: counts(*given) / counts(*given).sum(axis=0),
-            "rows are the answer here; the row is the true class": lambda label, answer, classes: confusion_shares(answer, label, classes),
+            "rows and columns are swapped: the row is the true class": lambda *given: (
+                confusion_shares(*given).T
+            ),
+            "you divided by the number of all frames; divide each row by its own sum": lambda *given: (
+                counts(*given) / len(given[0])
+            ),
+            "your columns sum to 1; divide each row by its own sum": lambda *given: (
+                counts(*given) / counts(*given).sum(axis=0)
+            ),
+            "rows are the answer here; the row is the true class": lambda label, answer, classes: (
+                confusion_shares(answer, label, classes)
+            ),
         },
     ),
     Exercise(
@@ -104,11 +113,19 @@ EXERCISES = [
             "a probability became 0, its log infinite: work with logits and log-sum-exp, not with log(softmax)": (
                 lambda logits, label: -torch.softmax(logits, dim=1)[range(len(label)), label].log().mean()
             ),
-            "this is the sum over the batch; take the mean": lambda *given: negative_log_likelihood(*given).sum(),
+            "this is the sum over the batch; take the mean": lambda *given: negative_log_likelihood(
+                *given
+            ).sum(),
             "one number, please: the mean over the batch": negative_log_likelihood,
-            "the sign is wrong: a log of a probability is negative, the loss is positive": lambda *given: -negative_log_likelihood(*given).mean(),
-            "this is in bits; take the natural logarithm": lambda *given: negative_log_likelihood(*given).mean() / math.log(2),
-            "softmax over the wrong dimension: over the classes, not over the batch": lambda *given: negative_log_likelihood(*given, dim=0).mean(),
+            "the sign is wrong: a log of a probability is negative, the loss is positive": lambda *given: (
+                -negative_log_likelihood(*given).mean()
+            ),
+            "this is in bits; take the natural logarithm": lambda *given: (
+                negative_log_likelihood(*given).mean() / math.log(2)
+            ),
+            "softmax over the wrong dimension: over the classes, not over the batch": lambda *given: (
+                negative_log_likelihood(*given, dim=0).mean()
+            ),
             "you used the answer (the largest logit) for the truth; take the label's": (
                 lambda logits, label: negative_log_likelihood(logits, logits.argmax(dim=1)).mean()
             ),
@@ -119,9 +136,15 @@ EXERCISES = [
         lambda probs, sizes: (probs / sizes).sum() / (probs / sizes**2).sum(),
         believed_wheelbases,
         {
-            "this is the mean size: best for squared metres, not for squared per cent": lambda probs, sizes: probs @ sizes,
-            "this is the likeliest class's size; it does not hedge": lambda probs, sizes: sizes[probs.argmax()],
-            "this is the harmonic mean; set the derivative of the sum of p (D / D_c - 1)² to zero": lambda probs, sizes: 1 / (probs / sizes).sum(),
+            "this is the mean size: best for squared metres, not for squared per cent": lambda probs, sizes: (
+                probs @ sizes
+            ),
+            "this is the likeliest class's size; it does not hedge": lambda probs, sizes: sizes[
+                probs.argmax()
+            ],
+            "this is the harmonic mean; set the derivative of the sum of p (D / D_c - 1)² to zero": lambda probs, sizes: (
+                1 / (probs / sizes).sum()
+            ),
             "every term needs its probability": lambda probs, sizes: (1 / sizes).sum() / (1 / sizes**2).sum(),
             "upside down": lambda probs, sizes: (probs / sizes**2).sum() / (probs / sizes).sum(),
             "this minimises the error relative to the guess, D_c / D - 1; divide by the true size": (
@@ -134,8 +157,12 @@ EXERCISES = [
         calibration_error,
         probabilities,
         {
-            "weigh each bin with its share of the frames; you gave all bins the same weight": lambda *given: gaps(*given)[0].mean(),
-            "too sure and too modest cancel out here; take each bin's absolute difference": lambda *given: calibration_error(*given, signed=True),
+            "weigh each bin with its share of the frames; you gave all bins the same weight": lambda *given: (
+                gaps(*given)[0].mean()
+            ),
+            "too sure and too modest cancel out here; take each bin's absolute difference": lambda *given: (
+                calibration_error(*given, signed=True)
+            ),
             "this is how much too sure the network is overall; take the absolute difference in each bin, then the weighted mean": (
                 lambda *given: -calibration_error(*given, signed=True)
             ),
@@ -143,7 +170,9 @@ EXERCISES = [
             "you compare frame by frame; average confidence and rightness in each bin first": (
                 lambda probs, label, bins: np.abs((probs.argmax(axis=1) == label) - probs.max(axis=1)).mean()
             ),
-            "this is the largest gap of a bin; take the mean, weighted with the bins' shares of the frames": lambda *given: gaps(*given)[0].max(),
+            "this is the largest gap of a bin; take the mean, weighted with the bins' shares of the frames": lambda *given: (
+                gaps(*given)[0].max()
+            ),
         },
     ),
 ]

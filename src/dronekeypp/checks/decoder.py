@@ -4,8 +4,7 @@ import numpy as np
 import torch
 
 from dronekeypp import rotations
-
-from . import Exercise
+from dronekeypp.checks import Exercise
 
 TURN = 2 * np.pi
 LEVEL = np.array(rotations.LEVEL_FROM_CAMERA)
@@ -96,7 +95,9 @@ EXERCISES = [
         hubs_and_rays,
         posed_hubs,
         {
-            "this is R transposed, from camera to body axes; for points in rows it is hubs @ R.T": lambda hubs, R, t: hubs_and_rays(hubs, R.T, t),
+            "this is R transposed, from camera to body axes; for points in rows it is hubs @ R.T": lambda hubs, R, t: (
+                hubs_and_rays(hubs, R.T, t)
+            ),
             "y3D is relative to the drone's centre: leave t out of it, and add it for the rays": (
                 lambda hubs, R, t: (hubs @ R.T + t, hubs_and_rays(hubs, R, t)[1])
             ),
@@ -106,7 +107,9 @@ EXERCISES = [
             "these rays have length 1; Eq. 6 leaves their third number at 1, so divide by the depth": (
                 lambda hubs, R, t: (hubs @ R.T, length_1(hubs @ R.T + t))
             ),
-            "R is missing: the hubs are still in body axes": lambda hubs, R, t: hubs_and_rays(hubs, np.eye(3), t),
+            "R is missing: the hubs are still in body axes": lambda hubs, R, t: hubs_and_rays(
+                hubs, np.eye(3), t
+            ),
             "you divided by the depth of the drone's centre; every hub has a depth of its own": (
                 lambda hubs, R, t: (hubs @ R.T, (hubs @ R.T + t) / t[2])
             ),
@@ -118,14 +121,22 @@ EXERCISES = [
         lambda rng: (rng.uniform(size=3),),
         {
             "cos and sin take radians; a turn is 2 pi of them": lambda turns: LEVEL.T @ level_rotation(turns),
-            "these are turns, not degrees: multiply by 2 pi instead of pi / 180": lambda turns: LEVEL.T @ level_rotation(np.radians(turns)),
-            "the order is reversed: yaw stands on the left, Rz Ry Rx": lambda turns: LEVEL.T @ level_rotation(TURN * turns, "xyz"),
-            "you stopped in the level frame: camera axes are one fixed matrix away": lambda turns: level_rotation(TURN * turns),
+            "these are turns, not degrees: multiply by 2 pi instead of pi / 180": lambda turns: (
+                LEVEL.T @ level_rotation(np.radians(turns))
+            ),
+            "the order is reversed: yaw stands on the left, Rz Ry Rx": lambda turns: (
+                LEVEL.T @ level_rotation(TURN * turns, "xyz")
+            ),
+            "you stopped in the level frame: camera axes are one fixed matrix away": lambda turns: (
+                level_rotation(TURN * turns)
+            ),
             "the fixed matrix leads from camera to level axes; you need the way back, its transpose": (
                 lambda turns: LEVEL @ level_rotation(TURN * turns)
             ),
             "this leads from camera to body axes: transpose it": lambda turns: camera_rotation(turns).T,
-            "the pitch has the wrong sign: Ry has its -sin at the lower left": lambda turns: LEVEL.T @ level_rotation(TURN * turns, pitch_sign=-1),
+            "the pitch has the wrong sign: Ry has its -sin at the lower left": lambda turns: (
+                LEVEL.T @ level_rotation(TURN * turns, pitch_sign=-1)
+            ),
         },
     ),
     Exercise(
@@ -146,12 +157,20 @@ EXERCISES = [
         mean_heading,
         around_north,
         {
-            "the plain mean of 0.9 and 0.1 is 0.5, the opposite heading: average directions, not numbers": lambda turns: turns.mean(),
-            "right, but negative: % 1 brings it to 0 ... 1": lambda turns: (mean_heading(turns) + 0.5) % 1 - 0.5,
+            "the plain mean of 0.9 and 0.1 is 0.5, the opposite heading: average directions, not numbers": lambda turns: (
+                turns.mean()
+            ),
+            "right, but negative: % 1 brings it to 0 ... 1": lambda turns: (
+                (mean_heading(turns) + 0.5) % 1 - 0.5
+            ),
             "this is in radians; divide by 2 pi": lambda turns: TURN * mean_heading(turns),
-            "this is in radians, and negative: divide by 2 pi, then % 1": lambda turns: TURN * ((mean_heading(turns) + 0.5) % 1 - 0.5),
+            "this is in radians, and negative: divide by 2 pi, then % 1": lambda turns: (
+                TURN * ((mean_heading(turns) + 0.5) % 1 - 0.5)
+            ),
             "this is in degrees; the answer should be in turns": lambda turns: 360 * mean_heading(turns),
-            "this is in degrees, and negative: divide by 360, then % 1": lambda turns: 360 * ((mean_heading(turns) + 0.5) % 1 - 0.5),
+            "this is in degrees, and negative: divide by 360, then % 1": lambda turns: (
+                360 * ((mean_heading(turns) + 0.5) % 1 - 0.5)
+            ),
             "arctan2 takes the sine first, then the cosine": lambda turns: (0.25 - mean_heading(turns)) % 1,
             "cos and sin take radians; a turn is 2 pi of them": lambda turns: mean_heading(turns, whole=1),
             "the median has a seam too; average directions instead": np.median,

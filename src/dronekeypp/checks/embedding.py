@@ -3,8 +3,7 @@
 import numpy as np
 
 from dronekeypp import camera
-
-from . import Exercise
+from dronekeypp.checks import Exercise
 
 
 def cropped_keypoints(rng):
@@ -19,7 +18,9 @@ def crop_rays(keypoints, square, K):
 
 def four_rays(rng):
     """rays (4, 3) of a drone somewhere in the frame."""
-    return (np.concatenate([rng.uniform(-0.4, 0.4, 2) + rng.normal(0, 0.03, (4, 2)), np.ones((4, 1))], axis=1),)
+    return (
+        np.concatenate([rng.uniform(-0.4, 0.4, 2) + rng.normal(0, 0.03, (4, 2)), np.ones((4, 1))], axis=1),
+    )
 
 
 def centre_and_spread(rays, mean=True, squared=True, dims=2):
@@ -45,8 +46,12 @@ EXERCISES = [
             "your rays change with the crop: bring the keypoints to the full frame first, K is the full frame's": (
                 lambda keypoints, square, K: camera.rays(keypoints, K)
             ),
-            "you add the crop's corner but forget to multiply by its side": lambda keypoints, square, K: camera.rays(keypoints + square[:2], K),
-            "you multiply by the side but forget the crop's corner": lambda keypoints, square, K: camera.rays(keypoints * square[2], K),
+            "you add the crop's corner but forget to multiply by its side": lambda keypoints, square, K: (
+                camera.rays(keypoints + square[:2], K)
+            ),
+            "you multiply by the side but forget the crop's corner": lambda keypoints, square, K: camera.rays(
+                keypoints * square[2], K
+            ),
             "these rays have length 1; Eq. 6 leaves their third number at 1": (
                 lambda *given: crop_rays(*given) / np.linalg.norm(crop_rays(*given), axis=1, keepdims=True)
             ),
@@ -62,9 +67,16 @@ EXERCISES = [
             "the spread is the root of the mean squared distance; you took the mean over x and y as well": (
                 lambda rays: centre_and_spread(rays, mean=False)
             ),
-            "this is the mean distance; the spread is the root of the mean squared distance": lambda rays: centre_and_spread(rays, squared=False),
-            "leave the third number out of the centre: it is always 1": lambda rays: centre_and_spread(rays, dims=3),
-            "you forgot the square root": lambda rays: (centre_and_spread(rays)[0], centre_and_spread(rays)[1] ** 2),
+            "this is the mean distance; the spread is the root of the mean squared distance": lambda rays: (
+                centre_and_spread(rays, squared=False)
+            ),
+            "leave the third number out of the centre: it is always 1": lambda rays: centre_and_spread(
+                rays, dims=3
+            ),
+            "you forgot the square root": lambda rays: (
+                centre_and_spread(rays)[0],
+                centre_and_spread(rays)[1] ** 2,
+            ),
         },
     ),
     Exercise(
@@ -75,8 +87,12 @@ EXERCISES = [
             "you took the likeliest class alone; let every class vote with its probability": (
                 lambda spread, probs, radii: radii[probs.argmax()] / spread
             ),
-            "upside down: a large spread means that the drone is near": lambda spread, probs, radii: probs @ radii * spread,
-            "this averages the sizes without the probabilities": lambda spread, probs, radii: radii.mean() / spread,
+            "upside down: a large spread means that the drone is near": lambda spread, probs, radii: (
+                probs @ radii * spread
+            ),
+            "this averages the sizes without the probabilities": lambda spread, probs, radii: (
+                radii.mean() / spread
+            ),
         },
     ),
 ]

@@ -6,8 +6,7 @@ import numpy as np
 import torch
 
 from dronekeypp import camera
-
-from . import Exercise
+from dronekeypp.checks import Exercise
 
 
 def tensor(array):
@@ -49,7 +48,9 @@ def layer_outputs(rng):
     """x (3, 17, 16) with [cls] first and loud, W (8, 16), b (8,), W_g (3, 16); as many cells as channels, so that dimensions can be mixed up."""
     x, W = rng.normal(size=(3, 17, 16)), 0.4 * rng.normal(size=(8, 16))
     x[:, 0] *= 3
-    W -= W.mean(axis=1, keepdims=True)  # maxima are all near 2: without it the three layers would nearly agree
+    W -= W.mean(
+        axis=1, keepdims=True
+    )  # maxima are all near 2: without it the three layers would nearly agree
     b = rng.uniform(0.3, 0.7, 8)
     b[rng.integers(8)] = -5  # one number that only the ReLU keeps from being negative
     return tensor(x), tensor(W), tensor(b), tensor(0.1 * rng.normal(size=(3, 16)))
@@ -59,7 +60,9 @@ def softmax(scores):
     return torch.softmax(scores, dim=0)
 
 
-def gated_keypoints(x, W, b, Wg, cls=1, pool=lambda x: x.amax(dim=1), gate_from=-1, gate=softmax, relu="after", fold=None):
+def gated_keypoints(
+    x, W, b, Wg, cls=1, pool=lambda x: x.amax(dim=1), gate_from=-1, gate=softmax, relu="after", fold=None
+):
     """The solution, and with other arguments the mistakes."""
     ir = pool(x[:, cls:])  # (N, d)
     cr = ir @ W.T + b  # (N, 8)
@@ -78,7 +81,13 @@ def convolution_stack(rng):
     return (list(zip(rng.choice([3, 5, 7], n).tolist(), strides, dilations, strict=True)),)
 
 
-def receptive_field(layers, reach=lambda k, dilation: (k - 1) * dilation, jump_first=False, jump=lambda j, s: j * s, with_jump=True):
+def receptive_field(
+    layers,
+    reach=lambda k, dilation: (k - 1) * dilation,
+    jump_first=False,
+    jump=lambda j, s: j * s,
+    with_jump=True,
+):
     """The solution, and with other arguments the mistakes."""
     r, j = 1, 1
     for k, s, dilation in layers:
@@ -94,17 +103,27 @@ EXERCISES = [
         token_pixels,
         some_tokens,
         {
-            "one cell off: token 0 is [cls], the cells begin at 1": lambda *given: token_pixels(*given, cls=0),
-            "this is the cell's corner; its middle is half a cell further": lambda *given: token_pixels(*given, half=0),
-            "[cls] is forgotten, and this is the cell's corner, not its middle": lambda *given: token_pixels(*given, cls=0, half=0),
-            "x and y are swapped: the row counts down (y), the column to the right (x)": lambda *given: token_pixels(*given, swap=True),
+            "one cell off: token 0 is [cls], the cells begin at 1": lambda *given: token_pixels(
+                *given, cls=0
+            ),
+            "this is the cell's corner; its middle is half a cell further": lambda *given: token_pixels(
+                *given, half=0
+            ),
+            "[cls] is forgotten, and this is the cell's corner, not its middle": lambda *given: token_pixels(
+                *given, cls=0, half=0
+            ),
+            "x and y are swapped: the row counts down (y), the column to the right (x)": lambda *given: (
+                token_pixels(*given, swap=True)
+            ),
             "half a pixel is not half a cell: add 0.5 before dividing by the number of cells": (
                 lambda tokens, side, square: token_pixels(tokens, side, square, half=0) + 0.5
             ),
             "these are crop units; the square (x, y, side) brings them to the frame": (
                 lambda tokens, side, square: token_pixels(tokens, side, np.array([0, 0, 1.0]))
             ),
-            "you forgot the corner of the square": lambda tokens, side, square: token_pixels(tokens, side, square) - square[:2],
+            "you forgot the corner of the square": lambda tokens, side, square: (
+                token_pixels(tokens, side, square) - square[:2]
+            ),
         },
     ),
     Exercise(
@@ -115,13 +134,21 @@ EXERCISES = [
             "a layer's window is still counted in its input's jump; update the jump afterwards": (
                 lambda layers: receptive_field(layers, jump_first=True)
             ),
-            "you left out the dilation": lambda layers: receptive_field(layers, reach=lambda k, dilation: k - 1),
-            "a window of k reaches k - 1 gaps, not k": lambda layers: receptive_field(layers, reach=lambda k, dilation: k * dilation),
+            "you left out the dilation": lambda layers: receptive_field(
+                layers, reach=lambda k, dilation: k - 1
+            ),
+            "a window of k reaches k - 1 gaps, not k": lambda layers: receptive_field(
+                layers, reach=lambda k, dilation: k * dilation
+            ),
             "a dilated window is (k - 1) * dilation + 1 wide, not k * dilation": (
                 lambda layers: receptive_field(layers, reach=lambda k, dilation: k * dilation - 1)
             ),
-            "you add gaps of later layers as if they were one pixel; multiply by the jump": lambda layers: receptive_field(layers, with_jump=False),
-            "jumps multiply from layer to layer; you added the strides": lambda layers: receptive_field(layers, jump=lambda j, s: j + s),
+            "you add gaps of later layers as if they were one pixel; multiply by the jump": lambda layers: (
+                receptive_field(layers, with_jump=False)
+            ),
+            "jumps multiply from layer to layer; you added the strides": lambda layers: receptive_field(
+                layers, jump=lambda j, s: j + s
+            ),
         },
     ),
     Exercise(
@@ -129,16 +156,30 @@ EXERCISES = [
         masked_attention,
         queries_keys_values,
         {
-            "you forgot to divide the scores by the root of d": lambda *given: masked_attention(*given, scale=lambda d: 1),
-            "divide the scores by the root of d, not by d": lambda *given: masked_attention(*given, scale=lambda d: d),
-            "softmax over the wrong dimension: each row, one token's weights, must sum to 1": lambda *given: masked_attention(*given, dim=0),
-            "the padding is heard: your mask has no effect": lambda q, k, v, heard: unmasked_weights(q, k) @ v,
-            "a score of 0 is not silence, for exp(0) = 1; it takes minus infinity": lambda *given: masked_attention(*given, silent=0.0),
+            "you forgot to divide the scores by the root of d": lambda *given: masked_attention(
+                *given, scale=lambda d: 1
+            ),
+            "divide the scores by the root of d, not by d": lambda *given: masked_attention(
+                *given, scale=lambda d: d
+            ),
+            "softmax over the wrong dimension: each row, one token's weights, must sum to 1": lambda *given: (
+                masked_attention(*given, dim=0)
+            ),
+            "the padding is heard: your mask has no effect": lambda q, k, v, heard: (
+                unmasked_weights(q, k) @ v
+            ),
+            "a score of 0 is not silence, for exp(0) = 1; it takes minus infinity": lambda *given: (
+                masked_attention(*given, silent=0.0)
+            ),
             "weights set to 0 after the softmax no longer sum to 1; mask the scores before it": (
                 lambda q, k, v, heard: (unmasked_weights(q, k) * heard) @ v
             ),
-            "your mask is the wrong way round: True may be heard": lambda q, k, v, heard: masked_attention(q, k, v, ~heard),
-            "you masked the rows, the tokens that ask; mask the columns, those that are heard": lambda *given: masked_attention(*given, rows=True),
+            "your mask is the wrong way round: True may be heard": lambda q, k, v, heard: masked_attention(
+                q, k, v, ~heard
+            ),
+            "you masked the rows, the tokens that ask; mask the columns, those that are heard": lambda *given: (
+                masked_attention(*given, rows=True)
+            ),
         },
     ),
     Exercise(
@@ -146,19 +187,33 @@ EXERCISES = [
         gated_keypoints,
         layer_outputs,
         {
-            "[cls] is in your pool; take the image tokens only": lambda *given: gated_keypoints(*given, cls=0),
+            "[cls] is in your pool; take the image tokens only": lambda *given: gated_keypoints(
+                *given, cls=0
+            ),
             "maximum over the wrong dimension: for each channel the largest over the tokens": (
                 lambda *given: gated_keypoints(*given, pool=lambda x: x.amax(dim=2))
             ),
-            "this is the mean over the tokens; the paper takes the maximum": lambda *given: gated_keypoints(*given, pool=lambda x: x.mean(dim=1)),
-            "the gate reads the last layer's pooled vector (Eq. 3); you took the first": lambda *given: gated_keypoints(*given, gate_from=0),
-            "the gate's weights must sum to 1: softmax is missing": lambda *given: gated_keypoints(*given, gate=lambda scores: scores),
-            "all layers count alike here; weigh them with the gate": (
-                lambda *given: gated_keypoints(*given, gate=lambda scores: torch.ones_like(scores) / len(scores))
+            "this is the mean over the tokens; the paper takes the maximum": lambda *given: gated_keypoints(
+                *given, pool=lambda x: x.mean(dim=1)
             ),
-            "the ReLU comes after the sum (Eq. 4), not on each layer's guess": lambda *given: gated_keypoints(*given, relu="before"),
+            "the gate reads the last layer's pooled vector (Eq. 3); you took the first": lambda *given: (
+                gated_keypoints(*given, gate_from=0)
+            ),
+            "the gate's weights must sum to 1: softmax is missing": lambda *given: gated_keypoints(
+                *given, gate=lambda scores: scores
+            ),
+            "all layers count alike here; weigh them with the gate": (
+                lambda *given: gated_keypoints(
+                    *given, gate=lambda scores: torch.ones_like(scores) / len(scores)
+                )
+            ),
+            "the ReLU comes after the sum (Eq. 4), not on each layer's guess": lambda *given: gated_keypoints(
+                *given, relu="before"
+            ),
             "the ReLU of Eq. 4 is missing": lambda *given: gated_keypoints(*given, relu=None),
-            "the eight numbers are x, y, x, y, ...; you read four x, then four y": lambda *given: gated_keypoints(*given, fold="xy"),
+            "the eight numbers are x, y, x, y, ...; you read four x, then four y": lambda *given: (
+                gated_keypoints(*given, fold="xy")
+            ),
         },
         close=1e-4,
     ),

@@ -4,13 +4,17 @@ import numpy as np
 import torch
 
 from dronekeypp import rotations
-
-from . import Exercise
+from dronekeypp.checks import Exercise
 
 
 def random_rotations(rng, frames):
     """(F, 3, 3), rounded as 32-bit numbers are."""
-    return rotations.matrix_from_6d(torch.from_numpy(rng.normal(size=(frames, 6)))).numpy().astype(np.float32).astype(float)
+    return (
+        rotations.matrix_from_6d(torch.from_numpy(rng.normal(size=(frames, 6))))
+        .numpy()
+        .astype(np.float32)
+        .astype(float)
+    )
 
 
 def rotation_pairs(rng):
@@ -106,7 +110,10 @@ def frames_pooled(errors_a, errors_b, sequence, draws):
 
 
 def two_intervals(errors_a, errors_b, sequence, draws):
-    low, high = (np.percentile(by_sequence(errors, sequence)[draws].mean(axis=1), [2.5, 97.5]) for errors in (errors_a, errors_b))
+    low, high = (
+        np.percentile(by_sequence(errors, sequence)[draws].mean(axis=1), [2.5, 97.5])
+        for errors in (errors_a, errors_b)
+    )
     return tuple(low - high)
 
 
@@ -122,14 +129,18 @@ EXERCISES = [
         {
             "NaN in frame 0: rounding has made its cosine larger than 1; clip it before arccos": rotation_errors_unclipped,
             "this is in radians": lambda *given: np.radians(rotation_errors(*given)),
-            "this is Eq. 13 with its division by pi; the answer should be in degrees": lambda *given: rotation_errors(*given) / 180,
+            "this is Eq. 13 with its division by pi; the answer should be in degrees": lambda *given: (
+                rotation_errors(*given) / 180
+            ),
             "one of the two must be transposed: this is the angle of their product, not between them": (
                 lambda R_pred, R_true: rotation_errors(R_pred, R_true.transpose(0, 2, 1))
             ),
             "this is the length of R_pred - R_true (Frobenius norm); the error is an angle": (
                 lambda R_pred, R_true: np.linalg.norm(R_pred - R_true, axis=(1, 2))
             ),
-            "the trace is 1 + 2 cos: take 1 away before you halve it": lambda *given: rotation_errors(*given, less=0),
+            "the trace is 1 + 2 cos: take 1 away before you halve it": lambda *given: rotation_errors(
+                *given, less=0
+            ),
             "this is the mean; give one error a frame": lambda *given: rotation_errors(*given).mean(),
         },
         close=1e-3,
@@ -145,13 +156,21 @@ EXERCISES = [
             "your first answer is the length of the mean error: opposite errors cancel in it": translation_but(
                 0, lambda off: np.linalg.norm(off.mean(axis=0))
             ),
-            "your second answer is a median over single axes; take it over distances": translation_but(1, lambda off: np.median(np.abs(off))),
-            "the per-axis mean needs absolute values: errors of opposite sign cancel": translation_but(2, np.mean),
+            "your second answer is a median over single axes; take it over distances": translation_but(
+                1, lambda off: np.median(np.abs(off))
+            ),
+            "the per-axis mean needs absolute values: errors of opposite sign cancel": translation_but(
+                2, np.mean
+            ),
             "you summed over the three axes; the per-axis mean averages over them too": translation_but(
                 2, lambda off: np.abs(off).sum(axis=1).mean()
             ),
-            "mean and median have changed places": lambda *given: [translation_errors(*given)[i] for i in (1, 0, 2)],
-            "this leaves one number per axis; average over frames and axes": translation_but(2, lambda off: np.abs(off).mean(axis=0)),
+            "mean and median have changed places": lambda *given: [
+                translation_errors(*given)[i] for i in (1, 0, 2)
+            ],
+            "this leaves one number per axis; average over frames and axes": translation_but(
+                2, lambda off: np.abs(off).mean(axis=0)
+            ),
         },
     ),
     Exercise(
@@ -160,13 +179,21 @@ EXERCISES = [
         positions,
         {
             "you split along the camera's z axis; the way to the drone is t_true": (
-                lambda t_pred, t_true: along_and_across(t_pred, t_true, np.tile([0.0, 0, 1], (len(t_true), 1)))
+                lambda t_pred, t_true: along_and_across(
+                    t_pred, t_true, np.tile([0.0, 0, 1], (len(t_true), 1))
+                )
             ),
-            "you split along the predicted way; the true one is the measure": lambda t_pred, t_true: along_and_across(t_pred, t_true, t_pred),
-            "your first answer must have a sign: too far is positive, too near is negative": along_but(along=lambda found, *_: np.abs(found)),
+            "you split along the predicted way; the true one is the measure": lambda t_pred, t_true: (
+                along_and_across(t_pred, t_true, t_pred)
+            ),
+            "your first answer must have a sign: too far is positive, too near is negative": along_but(
+                along=lambda found, *_: np.abs(found)
+            ),
             "the sign is reversed: too far should be positive": along_but(along=lambda found, *_: -found),
             "the difference of two distances is not the share along the way: project with a dot product": along_but(
-                along=lambda found, t_pred, t_true: np.linalg.norm(t_pred, axis=1) - np.linalg.norm(t_true, axis=1)
+                along=lambda found, t_pred, t_true: (
+                    np.linalg.norm(t_pred, axis=1) - np.linalg.norm(t_true, axis=1)
+                )
             ),
             "project on a vector of length 1: divide by the distance": along_but(
                 along=lambda found, t_pred, t_true: found * np.linalg.norm(t_true, axis=1)
@@ -186,8 +213,12 @@ EXERCISES = [
             "every sequence counts once: average within it first, else long sequences weigh more": frames_pooled,
             "subtract before you draw: two separate intervals know nothing of what both find hard": two_intervals,
             "this is the spread of the sequences themselves; draw, average each draw, then take percentiles": spread_of_sequences,
-            "this is the middle 90 %; for 95 % cut off 2.5 % on each side": lambda *given: paired_interval(*given, ends=(5, 95)),
-            "percentiles run from 0 to 100: 2.5 and 97.5, not 0.025 and 0.975": lambda *given: paired_interval(*given, ends=(0.025, 0.975)),
+            "this is the middle 90 %; for 95 % cut off 2.5 % on each side": lambda *given: paired_interval(
+                *given, ends=(5, 95)
+            ),
+            "percentiles run from 0 to 100: 2.5 and 97.5, not 0.025 and 0.975": lambda *given: (
+                paired_interval(*given, ends=(0.025, 0.975))
+            ),
             "you subtracted a from b": lambda a, b, sequence, draws: paired_interval(b, a, sequence, draws),
             "the high end comes second": lambda *given: paired_interval(*given)[::-1],
         },

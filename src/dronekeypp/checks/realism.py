@@ -3,8 +3,7 @@
 import numpy as np
 
 from dronekeypp import realism
-
-from . import Exercise
+from dronekeypp.checks import Exercise
 
 
 def whole_scores(rng):
@@ -18,7 +17,9 @@ def pair_shares(real, made, tie=0.5):
 
 def two_sets(rng):
     """Features of two sets, (30, 5) and (24, 5)."""
-    return rng.normal(0, 1, (30, 5)) * rng.uniform(0.5, 3, 5), rng.uniform(-1, 1, 5) + rng.normal(0, 1, (24, 5)) * rng.uniform(0.5, 3, 5)
+    return rng.normal(0, 1, (30, 5)) * rng.uniform(0.5, 3, 5), rng.uniform(-1, 1, 5) + rng.normal(
+        0, 1, (24, 5)
+    ) * rng.uniform(0.5, 3, 5)
 
 
 def frechet_diagonal(a, b, ddof=1, means=True):
@@ -30,7 +31,10 @@ def frechet_diagonal(a, b, ddof=1, means=True):
 def frechet_of_variances(a, b, product=False):
     """Wrong: the second term from variances, as they are or with a cross term without its root."""
     A, B = a.var(axis=0, ddof=1), b.var(axis=0, ddof=1)
-    return np.square(a.mean(axis=0) - b.mean(axis=0)).sum() + ((A + B - 2 * A * B) if product else np.square(A - B)).sum()
+    return (
+        np.square(a.mean(axis=0) - b.mean(axis=0)).sum()
+        + ((A + B - 2 * A * B) if product else np.square(A - B)).sum()
+    )
 
 
 def two_sets_and_a_width(rng):
@@ -74,7 +78,19 @@ def distance_of_videos(rng):
     return gap if rng.random() < 0.5 else far_gap, real, made + 3, of_real, of_made
 
 
-def jackknife_error(measure, real, made, videos, flights, frames=False, sets=(0, 1), only=False, root=True, factor=None, around="mean"):
+def jackknife_error(
+    measure,
+    real,
+    made,
+    videos,
+    flights,
+    frames=False,
+    sets=(0, 1),
+    only=False,
+    root=True,
+    factor=None,
+    around="mean",
+):
     """The solution, and with other arguments the mistakes."""
     groups = [np.arange(len(g)) if frames else g for g in (videos, flights)]
     variance = 0.0
@@ -94,10 +110,18 @@ EXERCISES = [
         realism.auc,
         whole_scores,
         {
-            "equal scores are a coin toss: such a pair counts half, not nothing": lambda real, made: pair_shares(real, made, tie=0),
-            "equal scores are a coin toss: such a pair counts half, not as a win": lambda real, made: pair_shares(real, made, tie=1),
-            "a win is a made picture that scores higher than a real one; you count the reverse": lambda real, made: pair_shares(made, real),
-            "this is the number of wins; divide it by the number of pairs": lambda real, made: pair_shares(real, made) * len(real) * len(made),
+            "equal scores are a coin toss: such a pair counts half, not nothing": lambda real, made: (
+                pair_shares(real, made, tie=0)
+            ),
+            "equal scores are a coin toss: such a pair counts half, not as a win": lambda real, made: (
+                pair_shares(real, made, tie=1)
+            ),
+            "a win is a made picture that scores higher than a real one; you count the reverse": lambda real, made: (
+                pair_shares(made, real)
+            ),
+            "this is the number of wins; divide it by the number of pairs": lambda real, made: (
+                pair_shares(real, made) * len(real) * len(made)
+            ),
             "you compare the made pictures with the real ones' mean; compare every one with every one": (
                 lambda real, made: (made > real.mean()).mean()
             ),
@@ -109,9 +133,13 @@ EXERCISES = [
         two_sets,
         {
             "you compare variances; the formula compares standard deviations, their roots": frechet_of_variances,
-            "the cross term is 2 times the root of A times B: you forgot the root": lambda a, b: frechet_of_variances(a, b, product=True),
+            "the cross term is 2 times the root of A times B: you forgot the root": lambda a, b: (
+                frechet_of_variances(a, b, product=True)
+            ),
             "add up over the features; you took their mean": lambda a, b: frechet_diagonal(a, b) / a.shape[1],
-            "the squared difference of the means is missing": lambda a, b: frechet_diagonal(a, b, means=False),
+            "the squared difference of the means is missing": lambda a, b: frechet_diagonal(
+                a, b, means=False
+            ),
             "this is d; as in the notebook, return its square": lambda a, b: np.sqrt(frechet_diagonal(a, b)),
             "nearly: you divide by n, np.cov by n - 1 (ddof=1)": lambda a, b: frechet_diagonal(a, b, ddof=0),
         },
@@ -124,11 +152,17 @@ EXERCISES = [
             "a picture is not compared with itself: leave the diagonal out of the means within a set": (
                 lambda *given: mmd_unbiased(*given, self_pairs=True)
             ),
-            "without the diagonal a set of n has n (n - 1) pairs, you divide by n squared": lambda *given: mmd_unbiased(*given, divide_by_all=True),
+            "without the diagonal a set of n has n (n - 1) pairs, you divide by n squared": lambda *given: (
+                mmd_unbiased(*given, divide_by_all=True)
+            ),
             "the pairs across count twice": lambda *given: mmd_unbiased(*given, times=1),
             "square the distance in the exponent": lambda *given: mmd_unbiased(*given, power=1),
-            "the width is a squared distance already, you square it again": lambda a, b, width: mmd_unbiased(a, b, width, spread=2 * width**2),
-            "the exponent is divided by 2 w, you divide by w": lambda a, b, width: mmd_unbiased(a, b, width, spread=width),
+            "the width is a squared distance already, you square it again": lambda a, b, width: mmd_unbiased(
+                a, b, width, spread=2 * width**2
+            ),
+            "the exponent is divided by 2 w, you divide by w": lambda a, b, width: mmd_unbiased(
+                a, b, width, spread=width
+            ),
         },
     ),
     Exercise(
@@ -136,18 +170,24 @@ EXERCISES = [
         jackknife_error,
         distance_of_videos,
         {
-            "you leave out single pictures; leave out a whole video or flight at a time": lambda *given: jackknife_error(*given, frames=True),
+            "you leave out single pictures; leave out a whole video or flight at a time": lambda *given: (
+                jackknife_error(*given, frames=True)
+            ),
             "you leave out videos of the real set only; the flights of the made set are chance, too: add their variance": (
                 lambda *given: jackknife_error(*given, sets=(0,))
             ),
-            "this is the variance; the standard error is its root": lambda *given: jackknife_error(*given, root=False),
+            "this is the variance; the standard error is its root": lambda *given: jackknife_error(
+                *given, root=False
+            ),
             "values with one video left out are much alike: multiply the mean square by g - 1": (
                 lambda *given: jackknife_error(*given, factor=lambda g: 1 / g)
             ),
             "this is an ordinary variance, divided by g - 1; the jackknife multiplies by (g - 1) / g": (
                 lambda *given: jackknife_error(*given, factor=lambda g: 1 / (g - 1))
             ),
-            "you keep one video and drop the others; drop one and keep the others": lambda *given: jackknife_error(*given, only=True),
+            "you keep one video and drop the others; drop one and keep the others": lambda *given: (
+                jackknife_error(*given, only=True)
+            ),
             "nearly: take the deviations from the mean of the values left over, not from the value of the whole sets": (
                 lambda *given: jackknife_error(*given, around="whole")
             ),

@@ -32,7 +32,9 @@ class Block(nn.Module):
         self.norm2 = nn.BatchNorm2d(out)
         same = inp == out and stride == 1
         self.shortcut = (
-            nn.Identity() if same else nn.Sequential(nn.Conv2d(inp, out, 1, stride, bias=False), nn.BatchNorm2d(out))
+            nn.Identity()
+            if same
+            else nn.Sequential(nn.Conv2d(inp, out, 1, stride, bias=False), nn.BatchNorm2d(out))
         )
 
     def forward(self, x: Tensor) -> Tensor:
@@ -51,7 +53,9 @@ class CompactResNet(nn.Sequential):
     def __init__(self, stride: int = 16):
         stem = nn.Sequential(nn.Conv2d(3, 32, 5, 2, 2, bias=False), nn.BatchNorm2d(32), nn.ReLU())
         stages, width = [], 32
-        for channels, blocks, step in zip(COMPACT_CHANNELS, COMPACT_BLOCKS, (1, 2, 2, stride // 8), strict=True):
+        for channels, blocks, step in zip(
+            COMPACT_CHANNELS, COMPACT_BLOCKS, (1, 2, 2, stride // 8), strict=True
+        ):
             layers = []
             for i in range(blocks):
                 layers.append(Block(width, channels, step if i == 0 else 1))
@@ -84,12 +88,17 @@ class Backbone(nn.Module):
         else:
             net = _torchvision_resnet(config.backbone, imagenet=weights == "imagenet")
             last = net.fc.in_features
-            self.net, self.levels = nn.Sequential(*list(net.children())[:-2]), (4, 5, 7)  # without the pooling and the classifier
+            self.net, self.levels = (
+                nn.Sequential(*list(net.children())[:-2]),
+                (4, 5, 7),
+            )  # without the pooling and the classifier
             self.pyramid_channels = (last // 8, last // 4, last)
         self.channels = self.pyramid_channels[-1]
         if weights not in (None, "imagenet"):
             load_backbone(self, weights)
-        self.to(memory_format=torch.channels_last)  # a fifth to a third faster on a CPU; the numbers are the same
+        self.to(
+            memory_format=torch.channels_last
+        )  # a fifth to a third faster on a CPU; the numbers are the same
 
     def forward(self, image: Tensor) -> Tensor:
         return self.pyramid(image)[-1]
@@ -110,7 +119,10 @@ class Backbone(nn.Module):
 def _torchvision_resnet(name: str, imagenet: bool) -> nn.Module:
     try:
         return getattr(torchvision.models, name)(weights=IMAGENET[name] if imagenet else None)
-    except (OSError, RuntimeError) as error:  # URLError is an OSError; a cut-off file, with a wrong hash, a RuntimeError
+    except (
+        OSError,
+        RuntimeError,
+    ) as error:  # URLError is an OSError; a cut-off file, with a wrong hash, a RuntimeError
         raise InputError(
             f"ImageNet weights for {name} could not be downloaded ({error}); connect to the network once, "
             "or train from scratch with backbone_weights=none"
@@ -133,7 +145,10 @@ def load_backbone(backbone: Backbone, path: str | Path) -> None:
     """Copy a backbone's weights from a safetensors file (float16 on disk is fine) into `backbone`, as float32."""
     path = find_weights(path)
     try:
-        state = {key: value.float() if value.is_floating_point() else value for key, value in load_file(path).items()}
+        state = {
+            key: value.float() if value.is_floating_point() else value
+            for key, value in load_file(path).items()
+        }
     except (SafetensorError, OSError) as error:
         raise InputError(f"{path} is not a readable safetensors file ({error})") from None
     load_state(backbone, state, path)

@@ -22,7 +22,7 @@ WEIGHTS, CONFIG = "model.safetensors", "config.json"
 class PoseNetwork(nn.Module):
     """A network that `train.fit` trains and `evaluate.evaluate` measures: DroneKey++, and each baseline.
 
-    `forward(image, K, square, **told)` returns a dict with some of keypoints (B, 4, 2) crop units, class_probs (B, classes),
+    `forward(image, K, square, **truth)` returns a dict with some of keypoints (B, 4, 2) crop units, class_probs (B, classes),
     R (B, 3, 3), t (B, 3) and failed (B,) bool; a measure whose part is missing comes out as NaN.
 
     A network of your own takes `(config, load_backbone)`, keeps `self.config`, and has `method`, `forward` and `losses`. Put it into
@@ -30,14 +30,18 @@ class PoseNetwork(nn.Module):
     """
 
     method: ClassVar[str]  # its name in tables and checkpoints
-    told: tuple[str, ...] = ()  # what of the truth it is handed beside the picture, by name
+    truth_inputs: tuple[str, ...] = ()  # what of the truth it is handed beside the picture, by name
     judged_by: ClassVar[str] = "pose"  # what chooses the best checkpoint: "pose" | "keypoints"
-    defaults: ClassVar[dict[str, Any]] = {}  # settings in which it differs from a preset, unless told otherwise
+    defaults: ClassVar[
+        dict[str, Any]
+    ] = {}  # settings in which it differs from a preset, unless told otherwise
     config: ModelConfig
 
     def __init__(self):
         super().__init__()
-        self.backbone: nn.Module | None = None  # it may learn at a rate of its own (`TrainConfig.backbone_lr`)
+        self.backbone: nn.Module | None = (
+            None  # it may learn at a rate of its own (`TrainConfig.backbone_lr`)
+        )
 
     def losses(self, output: dict, batch: dict, keypoint_unit: float) -> dict[str, Tensor]:
         """The terms of its loss as scalars, unweighted; their names are of `losses.TERMS`."""
@@ -75,10 +79,15 @@ class PoseNetwork(nn.Module):
         """
         method, config = read_config(folder)
         if method != cls.method:
-            raise InputError(f"{folder} holds a network of {method}, not of {cls.method}; load it with that class")
+            raise InputError(
+                f"{folder} holds a network of {method}, not of {cls.method}; load it with that class"
+            )
         weights = Path(folder) / WEIGHTS
         try:
-            state = {key: value.float() if value.dtype == torch.half else value for key, value in load_file(weights).items()}
+            state = {
+                key: value.float() if value.dtype == torch.half else value
+                for key, value in load_file(weights).items()
+            }
         except (SafetensorError, OSError) as error:
             raise InputError(f"{weights} is not a readable safetensors file ({error})") from None
         model = cls(config, load_backbone=False)
@@ -91,7 +100,9 @@ def read_config(folder: str | Path) -> tuple[str, ModelConfig]:
     folder = Path(folder)
     for name in (CONFIG, WEIGHTS):
         if not (folder / name).is_file():
-            raise InputError(f"{folder / name} not found: a checkpoint is a folder with {CONFIG} and {WEIGHTS}")
+            raise InputError(
+                f"{folder / name} not found: a checkpoint is a folder with {CONFIG} and {WEIGHTS}"
+            )
     try:
         settings = read_json(folder / CONFIG)
         method = settings.pop("method", "DroneKey++") if isinstance(settings, dict) else ""

@@ -24,7 +24,9 @@ class Settings:
 
     def __post_init__(self):
         for field in dataclasses.fields(self):
-            object.__setattr__(self, field.name, _coerce(field.name, str(field.type), getattr(self, field.name)))
+            object.__setattr__(
+                self, field.name, _coerce(field.name, str(field.type), getattr(self, field.name))
+            )
         for name, words in self.CHOICES.items():
             if getattr(self, name) not in words:
                 raise InputError(f"{name}={getattr(self, name)!r} is not one of: {', '.join(words)}")
@@ -72,7 +74,9 @@ def _coerce(name: str, kind: str, value: Any) -> Any:
     try:
         if kind == "bool":
             if isinstance(value, str):
-                return {"true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}[value.lower()]
+                return {"true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}[
+                    value.lower()
+                ]
             if value in (0, 1):
                 return bool(value)
         elif kind == "int" and not isinstance(value, bool):
@@ -112,9 +116,15 @@ class ModelConfig(Settings):
     dropout: float = 0.0
     pool: str = "max"  # over image tokens: "max" (this paper) | "mean" (DroneKey's released code)
     gate: str = "learned"  # Eq. 3 "learned" | "last" layer only | "uniform"
-    keypoint_head: str = "linear"  # Eq. 2: "linear" in the pooled tokens (paper) | "heatmap" over the tokens, soft-argmax
-    layer_input: str = "previous"  # Eq. 1 "previous" layer's output | "same" X^(0) for every layer (DroneKey's code)
-    encoder: str = "learned"  # "truth": no encoder, true keypoints and one-hot class go to the decoder (Table 4)
+    keypoint_head: str = (
+        "linear"  # Eq. 2: "linear" in the pooled tokens (paper) | "heatmap" over the tokens, soft-argmax
+    )
+    layer_input: str = (
+        "previous"  # Eq. 1 "previous" layer's output | "same" X^(0) for every layer (DroneKey's code)
+    )
+    encoder: str = (
+        "learned"  # "truth": no encoder, true keypoints and one-hot class go to the decoder (Table 4)
+    )
     classifier: str = "cls"  # Eq. 5: the "cls" token's (paper) | "features": the backbone's, pooled, which it may not change (see network.py)
     use_rays: bool = True  # False: the decoder sees the crop coordinates, flattened (Table 5, row 1)
     use_class: bool = True  # False: no class embedding (Table 5, rows 1-3)
@@ -123,7 +133,9 @@ class ModelConfig(Settings):
     rotation: str = "euler"  # head: "euler" (paper: three sigmoid angles) | "sixd" (Zhou et al. 2019) | "allocentric": 6D, seen along the ray
     translation: str = "metres"  # head: "metres" (paper) | "site": against centre and spread of the rays (SITE, Li et al. 2019)
     pose: str = "mlp"  # Eq. 7-8: "mlp" (paper) | "geometric": a sharp keypoint head, learned shapes and PnP, see geometry.py
-    angle_zero: str = "middle"  # euler only: 0° at the "middle" of the sigmoid, seam at 180° | at its "edge", seam at 0°
+    angle_zero: str = (
+        "middle"  # euler only: 0° at the "middle" of the sigmoid, seam at 180° | at its "edge", seam at 0°
+    )
     decoder_width: int = 256  # hidden width of MLP_3D and MLP_pose
     decoder_layers: int = 3  # their hidden layers
     classes: int = 7
@@ -160,15 +172,21 @@ class ModelConfig(Settings):
         if self.backbone_stride not in (8, 16):
             raise InputError(f"backbone_stride={self.backbone_stride} is not one of: 8, 16")
         if self.image_size % self.stride:
-            raise InputError(f"image_size={self.image_size} must be a multiple of {self.stride} ({self.backbone})")
+            raise InputError(
+                f"image_size={self.image_size} must be a multiple of {self.stride} ({self.backbone})"
+            )
         if self.pose == "geometric":
             if self.encoder == "truth":
                 raise InputError("pose=geometric needs an encoder: it looks at the picture")
             for name in ("use_rays", "use_3d", "use_class", "rotation", "translation", "angle_zero"):
                 if getattr(self, name) != getattr(type(self), name):
-                    raise InputError(f"{name}={getattr(self, name)} belongs to the paper's decoder; pose=geometric has no such switch")
+                    raise InputError(
+                        f"{name}={getattr(self, name)} belongs to the paper's decoder; pose=geometric has no such switch"
+                    )
         if self.backbone == "compact" and self.backbone_weights == "imagenet":
-            raise InputError("backbone_weights=imagenet needs a torchvision backbone: set backbone=resnet18, 34 or 50")
+            raise InputError(
+                "backbone_weights=imagenet needs a torchvision backbone: set backbone=resnet18, 34 or 50"
+            )
 
     @property
     def stride(self) -> int:

@@ -12,7 +12,9 @@ from dronekeypp import camera, rotations
 from dronekeypp.model.config import ModelConfig
 
 EMBEDDING = 64  # width of e_ray and e_cls, from the paper
-SMALLEST_SPREAD = 1e-3  # ray units, 1.5 px at f = 1500: keeps log and division finite while all keypoints coincide
+SMALLEST_SPREAD = (
+    1e-3  # ray units, 1.5 px at f = 1500: keeps log and division finite while all keypoints coincide
+)
 
 
 def mlp(inp: int, out: int, config: ModelConfig) -> nn.Sequential:
@@ -48,7 +50,7 @@ class RayFeatures(nn.Module):
         self.register_buffer("mean", mean)
         self.register_buffer("std", std)
 
-    def plain(self, rays: Tensor) -> Tensor:
+    def unscaled(self, rays: Tensor) -> Tensor:
         """The features before they are standardised: (B, F)."""
         if self.mode != "split":
             return rays.flatten(1)  # (B, 12)
@@ -60,13 +62,13 @@ class RayFeatures(nn.Module):
         """Set the statistics from the rays of the training set (F, 4, 3). "raw" has none."""
         if self.mode == "raw":
             return
-        features = self.plain(rays.double())
+        features = self.unscaled(rays.double())
         deviation = features.std(dim=0, unbiased=False)
         self.mean.copy_(features.mean(dim=0))
         self.std.copy_(torch.where(deviation > 1e-6, deviation, torch.ones_like(deviation)))  # z is always 1
 
     def forward(self, rays: Tensor) -> Tensor:
-        return (self.plain(rays) - self.mean) / self.std
+        return (self.unscaled(rays) - self.mean) / self.std
 
 
 def centre_and_spread(rays: Tensor) -> tuple[Tensor, Tensor]:
@@ -121,13 +123,17 @@ class PoseDecoder(nn.Module):
         found = [camera.rays(camera.from_crop(b["keypoints"], b["square"]), b["K"]).cpu() for b in batches]
         self.ray_features.fit(torch.cat(found))
 
-    def forward(self, keypoints: Tensor, probs: Tensor, K: Tensor, square: Tensor) -> dict[str, Tensor | None]:
+    def forward(
+        self, keypoints: Tensor, probs: Tensor, K: Tensor, square: Tensor
+    ) -> dict[str, Tensor | None]:
         # Back to full-frame pixels, with the full-frame matrix: so cutting and resizing a crop never changes a ray.
         pixels = camera.from_crop(keypoints, square)  # (B, 4, 2)
         rays = camera.rays(pixels, K)  # (B, 4, 3), Eq. 6
         e_ray = self.embed_rays(self.ray_features(rays)) if self.config.use_rays else None  # (B, 64)
         e_cls = self.embed_class(probs) if self.config.use_class else None  # (B, 64)
-        fused = keypoints.flatten(1) if e_ray is None else e_ray  # Table 5, row 1: crop coordinates straight in
+        fused = (
+            keypoints.flatten(1) if e_ray is None else e_ray
+        )  # Table 5, row 1: crop coordinates straight in
         if e_cls is not None:
             fused = torch.cat([fused, e_cls], dim=1)  # (B, 128) = f
         keypoints_3d = None
@@ -147,9 +153,13 @@ class PoseDecoder(nn.Module):
             R = rotations.angles_to_matrix(angles)
         else:
             angles, R = None, rotations.matrix_from_6d(turn)
-        if self.config.rotation == "allocentric":  # as seen along the ray to the drone, not along the camera's axis
+        if (
+            self.config.rotation == "allocentric"
+        ):  # as seen along the ray to the drone, not along the camera's axis
             R = rotations.towards(rays.mean(dim=1)) @ R
-        if self.config.translation == "site":  # not metres, but how far off the centre, and how large for its spread
+        if (
+            self.config.translation == "site"
+        ):  # not metres, but how far off the centre, and how large for its spread
             t = from_site(t, rays)
         return {
             "keypoints_px": pixels, "rays": rays, "e_ray": e_ray, "e_cls": e_cls, "keypoints_3d": keypoints_3d,

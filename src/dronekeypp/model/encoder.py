@@ -17,7 +17,9 @@ def sine_positions(side: int, width: int) -> Tensor:
     2017 in two dimensions). The paper only says "positional encoding".
     """
     quarter = width // 4
-    frequency = 1.0 / (100.0 ** (torch.arange(quarter) / quarter))  # (d/4,); grids are small, so 100 and not 10,000
+    frequency = 1.0 / (
+        100.0 ** (torch.arange(quarter) / quarter)
+    )  # (d/4,); grids are small, so 100 and not 10,000
     angle = torch.arange(side)[:, None] * frequency  # (side, d/4)
     wave = torch.cat([angle.sin(), angle.cos()], dim=1)  # (side, d/2)
     rows = wave[:, None, :].expand(side, side, -1)
@@ -43,7 +45,9 @@ class SelfAttention(nn.Module):
 
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
         B, T, d = x.shape
-        q, k, v = self.qkv(x).view(B, T, 3, self.heads, d // self.heads).permute(2, 0, 3, 1, 4)  # each (B, h, T, d/h)
+        q, k, v = (
+            self.qkv(x).view(B, T, 3, self.heads, d // self.heads).permute(2, 0, 3, 1, 4)
+        )  # each (B, h, T, d/h)
         weights = torch.softmax(q @ k.transpose(-2, -1) / math.sqrt(d // self.heads), dim=-1)  # (B, h, T, T)
         mixed = self.dropout(weights) @ v  # (B, h, T, d/h)
         return self.out(mixed.transpose(1, 2).reshape(B, T, d)), weights
@@ -92,7 +96,9 @@ class KeypointEncoder(nn.Module):
         self.cls = nn.Parameter(torch.zeros(1, 1, d))
         self.blocks = nn.ModuleList(EncoderLayer(config) for _ in range(N))
         if config.keypoint_head == "heatmap":  # not the paper's: how much each cell looks like each keypoint
-            self.to_heatmap = nn.Linear(d, 4, bias=False)  # a bias would raise the whole map, and a softmax not see it
+            self.to_heatmap = nn.Linear(
+                d, 4, bias=False
+            )  # a bias would raise the whole map, and a softmax not see it
             self.register_buffer("centres", cell_centres(side), persistent=False)  # (M, 2)
         else:
             self.to_keypoints = nn.Linear(d, 4 * 2)  # W of Eq. 2, one for all layers
@@ -104,7 +110,9 @@ class KeypointEncoder(nn.Module):
             # the crop with small weights, so that every keypoint is positive, and therefore learns, from the first step.
             nn.init.trunc_normal_(self.to_keypoints.weight, std=0.005)
             nn.init.constant_(self.to_keypoints.bias, 0.5)
-        if self.to_gate is not None:  # all layers alike at the start; from random weights one layer soon takes everything
+        if (
+            self.to_gate is not None
+        ):  # all layers alike at the start; from random weights one layer soon takes everything
             nn.init.zeros_(self.to_gate.weight)
 
     def gate(self, last_ir: Tensor) -> Tensor:

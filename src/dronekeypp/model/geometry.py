@@ -42,7 +42,8 @@ class SharpHead(nn.Module):
         super().__init__()
         self.lateral = nn.ModuleList(nn.Conv2d(c, WIDTH, 1) for c in channels)
         self.smooth = nn.ModuleList(
-            nn.Sequential(nn.Conv2d(WIDTH, WIDTH, 3, padding=1, bias=False), nn.BatchNorm2d(WIDTH), nn.ReLU()) for _ in range(2)
+            nn.Sequential(nn.Conv2d(WIDTH, WIDTH, 3, padding=1, bias=False), nn.BatchNorm2d(WIDTH), nn.ReLU())
+            for _ in range(2)
         )
         self.to_heatmap = nn.Conv2d(WIDTH, 4, 1, bias=False)
         self.to_sigma = nn.Sequential(nn.Linear(WIDTH + 1, 32), nn.ReLU(), nn.Linear(32, 1))
@@ -52,7 +53,9 @@ class SharpHead(nn.Module):
 
     def forward(self, levels: list[Tensor]) -> dict[str, Tensor]:
         fine, middle, x = (layer(level) for layer, level in zip(self.lateral, levels, strict=True))
-        x = self.smooth[0](middle + interpolate(x, size=middle.shape[-2:], mode="bilinear"))  # (B, W, s/8, s/8)
+        x = self.smooth[0](
+            middle + interpolate(x, size=middle.shape[-2:], mode="bilinear")
+        )  # (B, W, s/8, s/8)
         x = self.smooth[1](fine + interpolate(x, size=fine.shape[-2:], mode="bilinear"))  # (B, W, s/4, s/4)
         heat = torch.softmax(self.to_heatmap(x).flatten(2), dim=2)  # (B, 4, M), each sums to 1
         keypoints = heat @ self.centres  # (B, 4, 2)
@@ -89,7 +92,9 @@ class ClassShapes(nn.Module):
 
     def size_deviation(self, probs: Tensor) -> Tensor:
         """How uncertain the class makes the size (B,): standard deviation of its logarithm. Distance is known no better than size."""
-        log_size = (self.hubs - self.hubs.mean(dim=1, keepdim=True)).square().sum(dim=2).mean(dim=1).log() / 2  # (classes,)
+        log_size = (self.hubs - self.hubs.mean(dim=1, keepdim=True)).square().sum(dim=2).mean(
+            dim=1
+        ).log() / 2  # (classes,)
         mean = probs @ log_size
         return (probs @ log_size.square() - mean.square()).clamp(min=0).sqrt()
 
@@ -112,7 +117,9 @@ def cross_matrix(v: Tensor) -> Tensor:
 def chord(R: Tensor, R0: Tensor) -> Tensor:
     """The turn from R0 to R as a vector (B, 3): its axis times 2 sin(angle / 2). Like the rotation vector for small turns, and bounded."""
     M = R @ R0.transpose(1, 2)
-    axis = torch.stack([M[:, 2, 1] - M[:, 1, 2], M[:, 0, 2] - M[:, 2, 0], M[:, 1, 0] - M[:, 0, 1]], dim=1) / 2  # times sin(angle)
+    axis = (
+        torch.stack([M[:, 2, 1] - M[:, 1, 2], M[:, 0, 2] - M[:, 2, 0], M[:, 1, 0] - M[:, 0, 1]], dim=1) / 2
+    )  # times sin(angle)
     half = ((1 + M.diagonal(dim1=1, dim2=2).sum(dim=1)) / 4).clamp(min=1e-3).sqrt()  # cos(angle / 2)
     return axis / half[:, None]
 
@@ -141,7 +148,9 @@ def solve(H: Tensor, b: Tensor) -> Tensor:
     A, across, C = H[:, :3, :3], H[:, :3, 3:], H[:, 3:, 3:]
     inverse_A = inverse(A)
     down = across.transpose(1, 2) @ inverse_A  # (B, 3, 3)
-    second = inverse(C - down @ across) @ (b[:, 3:] - down @ b[:, :3])  # C - down @ across: the Schur complement of A
+    second = inverse(C - down @ across) @ (
+        b[:, 3:] - down @ b[:, :3]
+    )  # C - down @ across: the Schur complement of A
     return torch.cat([inverse_A @ (b[:, :3] - across @ second), second], dim=1)
 
 
@@ -177,7 +186,9 @@ class Problem:
         z = z.clamp(min=NEAREST)
         zero = torch.zeros_like(z)
         seen = torch.stack([x, y], dim=2) / z[..., None]  # (B, 4, 2)
-        by_point = torch.stack([1 / z, zero, -x / z.square(), zero, 1 / z, -y / z.square()], dim=2).unflatten(2, (2, 3))  # (B, 4, 2, 3)
+        by_point = torch.stack([1 / z, zero, -x / z.square(), zero, 1 / z, -y / z.square()], dim=2).unflatten(
+            2, (2, 3)
+        )  # (B, 4, 2, 3)
         by_pose = torch.cat([-(by_point @ cross_matrix(turned)), by_point], dim=3).flatten(1, 2)  # (B, 8, 6)
         eye = torch.eye(6, dtype=t.dtype, device=t.device).expand(t.shape[0], 6, 6)
         residual = torch.cat([(seen - self.rays).flatten(1), chord(R, self.R0), t - self.t0], dim=1)
@@ -217,7 +228,9 @@ def refine(problem: Problem) -> dict[str, Tensor]:
         R, other_R = (torch.where(second[..., None] == turn, *ends_R) for turn in (False, True))
         t, other_t = (torch.where(second == turn, *ends_t) for turn in (False, True))
         apart = torch.cat([chord(other_R, R), other_t - t], dim=1)  # (B, 6)
-        share = torch.sigmoid(-(cost[:, 0] - cost[:, 1]).abs())  # of the other pose, if both costs are log-likelihoods
+        share = torch.sigmoid(
+            -(cost[:, 0] - cost[:, 1]).abs()
+        )  # of the other pose, if both costs are log-likelihoods
     R, t = problem.step(R, t, 0.0)
     _, _, H = problem.normal_equations(R, t)
     covariance = solve(H, torch.eye(6, dtype=t.dtype, device=t.device).expand_as(H))
@@ -243,36 +256,53 @@ class GeometricDecoder(nn.Module):
         self.embed_look = nn.Linear(config.width, EMBEDDING)
         self.mlp_pose = mlp(3 * EMBEDDING, 6 + 3 + 2, config)
         with torch.no_grad():  # the identity, 0.2 m large, 20 degrees and a tenth of the distance uncertain
-            self.mlp_pose[-1].bias.copy_(torch.tensor([1.0, 0, 0, 0, 1, 0, 0, 0, math.log(0.2), math.log(0.35), math.log(0.1)]))
-        self.register_buffer("calibration", torch.ones(2))  # what the covariance's deviations are multiplied with: turn, shift
+            self.mlp_pose[-1].bias.copy_(
+                torch.tensor([1.0, 0, 0, 0, 1, 0, 0, 0, math.log(0.2), math.log(0.35), math.log(0.1)])
+            )
+        self.register_buffer(
+            "calibration", torch.ones(2)
+        )  # what the covariance's deviations are multiplied with: turn, shift
 
     def fit_rays(self, batches: Iterable[dict[str, Tensor]]) -> None:
         """Set the ray statistics from batches with true keypoints, square and K."""
         found = [camera.rays(camera.from_crop(b["keypoints"], b["square"]), b["K"]).cpu() for b in batches]
         self.ray_features.fit(torch.cat(found))
 
-    def forward(self, keypoints: Tensor, probs: Tensor, K: Tensor, square: Tensor, sigma: Tensor, look: Tensor) -> dict[str, Tensor | None]:
+    def forward(
+        self, keypoints: Tensor, probs: Tensor, K: Tensor, square: Tensor, sigma: Tensor, look: Tensor
+    ) -> dict[str, Tensor | None]:
         pixels = camera.from_crop(keypoints, square)  # (B, 4, 2)
         rays = camera.rays(pixels, K)  # (B, 4, 3), Eq. 6
-        given = rays.detach()  # keypoints learn to be where the hubs are, not where the direct branch would like them
-        fused = torch.cat([self.embed_rays(self.ray_features(given)), self.embed_class(probs), self.embed_look(look)], dim=1)
+        given = (
+            rays.detach()
+        )  # keypoints learn to be where the hubs are, not where the direct branch would like them
+        fused = torch.cat(
+            [self.embed_rays(self.ray_features(given)), self.embed_class(probs), self.embed_look(look)], dim=1
+        )
         direct = self.mlp_pose(torch.relu(fused))
         R0 = rotations.towards(given.mean(dim=1)) @ rotations.matrix_from_6d(direct[:, :6])
         t0 = from_site(direct[:, 6:9], given)
-        angle_sigma, distance_sigma = bounded(direct[:, 9], ANGLE_SIGMA), bounded(direct[:, 10], DISTANCE_SIGMA)
+        angle_sigma, distance_sigma = (
+            bounded(direct[:, 9], ANGLE_SIGMA),
+            bounded(direct[:, 10], DISTANCE_SIGMA),
+        )
         hubs = self.shapes(probs)
         focal = torch.stack([K[:, 0, 0], K[:, 1, 1]], dim=1)  # (B, 2)
         ray_sigma = sigma[:, :, None] * (square[:, 2:] / focal)[:, None]  # (B, 4, 2)
         depth = t0[:, 2].detach().clamp(min=NEAREST)
-        found = refine(Problem(hubs, rays[..., :2], ray_sigma, R0.detach(), t0.detach(), angle_sigma, distance_sigma * depth))
+        found = refine(
+            Problem(
+                hubs, rays[..., :2], ray_sigma, R0.detach(), t0.detach(), angle_sigma, distance_sigma * depth
+            )
+        )
         R, t = found["R"], found["t"]
         return {
             "keypoints_px": pixels, "rays": rays, "e_ray": None, "e_cls": None, "angles": None, "R": R, "t": t,
             "keypoints_3d": hubs @ R.transpose(1, 2), "R_direct": R0, "t_direct": t0, "angle_sigma": angle_sigma,
-            "distance_sigma": distance_sigma, "cost": found["cost"], "covariance": self.honest(found, probs),
+            "distance_sigma": distance_sigma, "cost": found["cost"], "covariance": self.total_covariance(found, probs),
         }  # fmt: skip
 
-    def honest(self, found: dict[str, Tensor], probs: Tensor) -> Tensor:
+    def total_covariance(self, found: dict[str, Tensor], probs: Tensor) -> Tensor:
         """The covariance (B, 6, 6) with what one fit cannot know.
 
         The other pose of the two that a flat object has, with the belief it deserves. How uncertain the class makes the size, and with it the
@@ -282,7 +312,9 @@ class GeometricDecoder(nn.Module):
         misfit = (found["cost"].amin(dim=1) / 4).clamp(min=1)[:, None, None]
         along = self.shapes.size_deviation(probs)[:, None] * found["t"]  # (B, 3)
         size = torch.cat([torch.zeros_like(along), along], dim=1)  # (B, 6)
-        other = (found["share"] * (1 - found["share"])).sqrt()[:, None] * found["apart"]  # of two poses with these shares
+        other = (found["share"] * (1 - found["share"])).sqrt()[:, None] * found[
+            "apart"
+        ]  # of two poses with these shares
         spreads = torch.stack([size, other], dim=2)  # (B, 6, 2)
         scale = self.calibration.repeat_interleave(3)
         return (misfit * found["covariance"] + spreads @ spreads.transpose(1, 2)) * scale[:, None] * scale

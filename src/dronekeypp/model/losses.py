@@ -15,7 +15,7 @@ from dronekeypp.errors import InputError
 ENCODER_TERMS = ("L_2D", "L_cls")  # Eq. 9
 DECODER_TERMS = ("L_3D", "L_rot", "L_trans")  # Eq. 11
 TERMS = ENCODER_TERMS + DECODER_TERMS
-SURENESS = 0.01  # weight of the likelihoods of `geometric_loss_terms`
+LIKELIHOOD_WEIGHT = 0.01  # weight of the likelihoods of `geometric_loss_terms`
 KEYPOINT_NEAR = 0.02  # crop units, 2 of 96 px: what most keypoints reach
 METRES_NEAR = 0.05  # m
 TURN_NEAR = 0.03  # of ‖R - R*‖, which is 1.4 times a small angle in radians: 1.2°
@@ -66,17 +66,24 @@ def geometric_loss_terms(output: dict, batch: dict, keypoint_unit: float = 1.0) 
     near = partial(smooth_l1_loss, beta=METRES_NEAR)
     off = (output["keypoints"] - batch["keypoints"]).square().sum(dim=2)  # (B, 4)
     turned = rotations.geodesic_degrees(output["R_direct"], batch["R"]).deg2rad().square()  # (B,)
-    moved = (output["t_direct"] - batch["t"]).square().sum(dim=1) / batch["t"][:, 2].square()  # (B,) as shares of the distance
+    moved = (output["t_direct"] - batch["t"]).square().sum(dim=1) / batch["t"][
+        :, 2
+    ].square()  # (B,) as shares of the distance
     steep = partial(smooth_l1_loss, beta=KEYPOINT_NEAR / 4)
-    keypoints = 2 * KEYPOINT_NEAR * sum(steep(output[name], batch["keypoints"]) for name in ("keypoints", "coarse_keypoints"))
+    keypoints = (
+        2
+        * KEYPOINT_NEAR
+        * sum(steep(output[name], batch["keypoints"]) for name in ("keypoints", "coarse_keypoints"))
+    )
     rotation = (apart(output["R_direct"], batch["R"]) + apart(output["R"], batch["R"])) / 3
     translation = near(output["t_direct"], batch["t"]) + near(output["t"], batch["t"])
     return {
-        "L_2D": keypoints * keypoint_unit**2 + SURENESS * likelihood(off, output["keypoint_sigma"], 2),
+        "L_2D": keypoints * keypoint_unit**2
+        + LIKELIHOOD_WEIGHT * likelihood(off, output["keypoint_sigma"], 2),
         "L_cls": cross_entropy(output["class_logits"], batch["label"]),
         "L_3D": near(output["keypoints_3d"], batch["keypoints_3d"]),
-        "L_rot": rotation + SURENESS * likelihood(turned, output["angle_sigma"], 3),
-        "L_trans": translation + SURENESS * likelihood(moved, output["distance_sigma"], 3),
+        "L_rot": rotation + LIKELIHOOD_WEIGHT * likelihood(turned, output["angle_sigma"], 3),
+        "L_trans": translation + LIKELIHOOD_WEIGHT * likelihood(moved, output["distance_sigma"], 3),
     }
 
 

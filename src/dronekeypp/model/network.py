@@ -28,7 +28,7 @@ class DroneKeyPP(PoseNetwork):
     def __init__(self, config: ModelConfig | None = None, load_backbone: bool = True):
         super().__init__()
         self.config = config or ModelConfig()
-        self.told = ("keypoints", "label") if self.config.encoder == "truth" else ()
+        self.truth_inputs = ("keypoints", "label") if self.config.encoder == "truth" else ()
         self.backbone = self.encoder = self.classifier = None
         if self.config.encoder == "learned":
             self.backbone = Backbone(self.config, load=load_backbone)
@@ -57,11 +57,15 @@ class DroneKeyPP(PoseNetwork):
             encoded = {**encoded, "coarse_keypoints": encoded["keypoints"], **self.head(levels)}
         return encoded
 
-    def decode(self, encoded: dict[str, Tensor], probs: Tensor, K: Tensor, square: Tensor) -> dict[str, Tensor | None]:
+    def decode(
+        self, encoded: dict[str, Tensor], probs: Tensor, K: Tensor, square: Tensor
+    ) -> dict[str, Tensor | None]:
         """The geometry's part: what `encode` found, and class probabilities (B, classes), to the pose."""
         if self.head is None:
             return self.decoder(encoded["keypoints"], probs, K, square)
-        return self.decoder(encoded["keypoints"], probs, K, square, encoded["keypoint_sigma"], encoded["ir"][:, -1])
+        return self.decoder(
+            encoded["keypoints"], probs, K, square, encoded["keypoint_sigma"], encoded["ir"][:, -1]
+        )
 
     def forward(
         self,
@@ -99,7 +103,9 @@ class DroneKeyPP(PoseNetwork):
             encoded["keypoints"] = keypoints
         if label is not None:
             probs = one_hot(label, self.config.classes).to(K.dtype)
-            encoded["class_logits"] = (probs + 1e-9).log()  # so that a softmax gives the one-hot back and L_cls is 0
+            encoded["class_logits"] = (
+                probs + 1e-9
+            ).log()  # so that a softmax gives the one-hot back and L_cls is 0
         else:
             probs = encoded["class_logits"].softmax(dim=-1)  # Eq. 5
         encoded["class_probs"] = probs
@@ -117,7 +123,9 @@ class DroneKeyPP(PoseNetwork):
         if image is None and (keypoints is None or label is None):
             raise InputError("without an image the network needs both keypoints and label")
         if image is None and self.head is not None:
-            raise InputError('a network with pose="geometric" needs the image: how sure it is of each keypoint comes from it')
+            raise InputError(
+                'a network with pose="geometric" needs the image: how sure it is of each keypoint comes from it'
+            )
 
     def fit_rays(self, batches: Iterable[dict[str, Tensor]]) -> None:
         """Set the decoder's ray statistics from training batches (keypoints, square, K). See `RayFeatures`."""
@@ -127,7 +135,12 @@ class DroneKeyPP(PoseNetwork):
         """The ray statistics are part of the network, and so are the classes' shapes: truth of the training frames, no images."""
         self.fit_rays([annotations])
         if self.head is not None:
-            self.decoder.shapes.fit(*(annotations[name].to(self.decoder.shapes.hubs.device) for name in ("label", "R", "keypoints_3d")))
+            self.decoder.shapes.fit(
+                *(
+                    annotations[name].to(self.decoder.shapes.hubs.device)
+                    for name in ("label", "R", "keypoints_3d")
+                )
+            )
 
     def losses(self, output: dict, batch: dict, keypoint_unit: float) -> dict[str, Tensor]:
         """Eq. 9 and 11; see `loss_terms`, and `geometric_loss_terms` for `pose="geometric"`."""
@@ -135,11 +148,19 @@ class DroneKeyPP(PoseNetwork):
 
     @property
     def idle_parameters(self) -> bool:
-        return self.config.idle_layers or self.classifier is not None  # the [cls] token's own answer is then not asked for
+        return (
+            self.config.idle_layers or self.classifier is not None
+        )  # the [cls] token's own answer is then not asked for
 
     def parameter_counts(self) -> dict[str, int]:
         """Learnable numbers by part: {"backbone", "encoder", "decoder", "total"}, and "classifier" and "head" where there are any."""
         parts = {"backbone": self.backbone, "encoder": self.encoder, "decoder": self.decoder}
-        parts |= {name: part for name, part in (("classifier", self.classifier), ("head", self.head)) if part is not None}
-        counts = {name: sum(p.numel() for p in part.parameters()) if part else 0 for name, part in parts.items()}
+        parts |= {
+            name: part
+            for name, part in (("classifier", self.classifier), ("head", self.head))
+            if part is not None
+        }
+        counts = {
+            name: sum(p.numel() for p in part.parameters()) if part else 0 for name, part in parts.items()
+        }
         return {**counts, "total": sum(counts.values())}

@@ -19,7 +19,9 @@ ABLATION_BUDGETS: dict[str, dict[str, Any]] = {"cpu": {"epochs": 10, "frames": 1
 
 def _domains(bench: Bench, seeds: int | None) -> dict[str, Any]:
     if bench.photographs is None:
-        raise InputError("reproduce domains needs --photographs DIR: a folder of 360° panoramas (2:1 equirectangular), six or more")
+        raise InputError(
+            "reproduce domains needs --photographs DIR: a folder of 360° panoramas (2:1 equirectangular), six or more"
+        )
     return domains.reproduce(bench, bench.photographs, seeds or 1)
 
 
@@ -32,7 +34,11 @@ TABLES: dict[str, Callable[[Bench, int | None], dict[str, Any]]] = {
     "figure6": lambda bench, _: figure6.reproduce(bench),
     "claims": lambda bench, _: claims.reproduce(bench.root),
 }
-FULL = ("table3", "domains", "beyond")  # at the full budget, and sharing their runs; the others are ablations, and share theirs
+FULL = (
+    "table3",
+    "domains",
+    "beyond",
+)  # at the full budget, and sharing their runs; the others are ablations, and share theirs
 
 
 def names() -> list[str]:
@@ -74,7 +80,9 @@ def reproduce(
     if seeds is not None and seeds < 1:
         raise InputError(f"--seeds {seeds}: at least 1")
     if "max_minutes" in (overrides or {}):
-        raise InputError("--set max_minutes: a run that is cut short would count as finished; kill it instead, and call again to go on")
+        raise InputError(
+            "--set max_minutes: a run that is cut short would count as finished; kill it instead, and call again to go on"
+        )
     if int(os.environ.get("WORLD_SIZE", 1)) > 1:
         raise InputError("reproduce runs in one process; torchrun is for `train`")
     root = Path(root)

@@ -17,7 +17,7 @@ import numpy as np
 import torch
 
 from dronekeypp.errors import InputError
-from dronekeypp.evaluate import frame_errors, interval_of_mean, plain, poses, to_device
+from dronekeypp.evaluate import frame_errors, interval_of_mean, json_values, read_annotations, to_device
 from dronekeypp.files import write_beside
 from dronekeypp.model import DroneKeyPP
 from dronekeypp.presets import preset as find_preset
@@ -153,10 +153,17 @@ def reproduce(name: str, bench: Bench, seeds: int | None = None) -> dict[str, An
     ablation = ABLATIONS[name]
     clash = sorted({key for row in ablation.rows for key in row.changes} & set(bench.budget))
     if clash:
-        raise InputError(f"--set {clash[0]}: the rows of {name} differ in it; leave it out, or write an ablation of your own")
+        raise InputError(
+            f"--set {clash[0]}: the rows of {name} differ in it; leave it out, or write an ablation of your own"
+        )
     bench.render()
     wanted = {row.name: seeds or row.seeds or ablation.seeds for row in ablation.rows}
-    jobs = [(bench, row, seed) for seed in range(max(wanted.values())) for row in ablation.rows if seed < wanted[row.name]]
+    jobs = [
+        (bench, row, seed)
+        for seed in range(max(wanted.values()))
+        for row in ablation.rows
+        if seed < wanted[row.name]
+    ]
     known = lambda bench, row, seed: bench.finished(run_of(row, bench.preset), seed)  # noqa: E731
     return complete(jobs, known, measured, lambda parts: record(name, bench, parts))
 
@@ -170,18 +177,25 @@ def measured(bench: Bench, row: Row, seed: int) -> dict[str, Any]:
     if "gate" in frames:
         story["gate"] = [round(float(weight), 4) for weight in frames["gate"].mean(axis=0)]
     model, _ = bench.settings(run, seed)
-    if model.encoder == "learned" and model.pose == "mlp":  # without a picture a geometric network does not know how sure its keypoints are
-        story["keypoints"] = {"its own": medians(frames), "true": medians(with_true_keypoints(bench, run, seed, frames))}
+    if (
+        model.encoder == "learned" and model.pose == "mlp"
+    ):  # without a picture a geometric network does not know how sure its keypoints are
+        story["keypoints"] = {
+            "its own": medians(frames),
+            "true": medians(with_true_keypoints(bench, run, seed, frames)),
+        }
     return {"story": story, "rows": rows, "averages": means}
 
 
-def with_true_keypoints(bench: Bench, run: Run, seed: int, frames: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def with_true_keypoints(
+    bench: Bench, run: Run, seed: int, frames: dict[str, np.ndarray]
+) -> dict[str, np.ndarray]:
     """Errors of a trained network's decoder on true keypoints and the class it named itself. Only the decoder runs.
 
     Perfect keypoints should do no harm. Where they do, the network's own carry more than the places of propellers.
     """
     model = DroneKeyPP.from_pretrained(bench.train(run, seed)).to(choose_device(bench.settings(run, seed)[1]))
-    truth = to_device(poses(bench.split("test", run, seed)), next(model.parameters()).device)
+    truth = to_device(read_annotations(bench.split("test", run, seed)), next(model.parameters()).device)
     named = torch.from_numpy(frames["predicted"]).to(truth["label"])
     with torch.inference_mode():
         output = model(None, truth["K"], truth["square"], truth["keypoints"], named)
@@ -191,13 +205,21 @@ def with_true_keypoints(bench: Bench, run: Run, seed: int, frames: dict[str, np.
 def medians(frames: dict[str, np.ndarray]) -> dict[str, float]:
     """Over all frames: rotation, translation, and by what share the distance is wrong."""
     off = np.abs(frames["distance_ratio"] - 1)
-    return plain({"R_deg": float(np.median(frames["R_deg"])), "t_m": float(np.median(frames["t_m"])), "distance": float(np.median(off))})
+    return json_values(
+        {
+            "R_deg": float(np.median(frames["R_deg"])),
+            "t_m": float(np.median(frames["t_m"])),
+            "distance": float(np.median(off)),
+        }
+    )
 
 
 def record(name: str, bench: Bench, parts: list[dict[str, Any]]) -> dict[str, Any]:
     """Write the result, the table and the figure from what there is; returns the result."""
     joined = {key: [row for part in parts for row in part[key]] for key in ("rows", "averages")}
-    recorded = result(name, bench, [part["story"] for part in parts], reference=ABLATIONS[name].reference, **joined)
+    recorded = result(
+        name, bench, [part["story"] for part in parts], reference=ABLATIONS[name].reference, **joined
+    )
     write_result(bench.root, recorded)
     folder = bench.root / "figures"
     folder.mkdir(parents=True, exist_ok=True)
@@ -247,7 +269,9 @@ def mean_and_spread(recorded: dict[str, Any], variant: str, key: str, digits: in
     values = by_seed(recorded, METHOD, variant, key)
     if not values:
         return "–"
-    return number(float(np.mean(values)), digits) + (f" ± {np.std(values, ddof=1):.{digits}f}" if len(values) > 1 else "")
+    return number(float(np.mean(values)), digits) + (
+        f" ± {np.std(values, ddof=1):.{digits}f}" if len(values) > 1 else ""
+    )
 
 
 def markdown(recorded: dict[str, Any]) -> str:
@@ -272,8 +296,15 @@ def markdown(recorded: dict[str, Any]) -> str:
         row, shown = average(recorded, METHOD, variant), []
         for _, key, digits in printed:
             theirs = paper_value(name, variant, key)
-            shown.append(mean_and_spread(recorded, variant, key, digits) + (f" ({number(theirs, digits)})" if theirs is not None else ""))
-        shown += [number(row["direction_deg"], 2), percent(row["class_accuracy"]), number(row["keypoint_px"], 1)]
+            shown.append(
+                mean_and_spread(recorded, variant, key, digits)
+                + (f" ({number(theirs, digits)})" if theirs is not None else "")
+            )
+        shown += [
+            number(row["direction_deg"], 2),
+            percent(row["class_accuracy"]),
+            number(row["keypoint_px"], 1),
+        ]
         lines.append(f"| {variant} | " + " | ".join(shown) + " |")
     reference = recorded["reference"]
     if reference in variants:
@@ -293,14 +324,33 @@ def markdown(recorded: dict[str, Any]) -> str:
                 for _, key, digits in printed:
                     apart = difference(recorded, variant, key)
                     low_high = "" if apart is None else ", ".join(f"{v:+.{digits}f}" for v in apart.interval)
-                    shown.append("–" if apart is None else f"{apart.mean:+.{digits}f} [{low_high}] {apart.verdict}")
+                    shown.append(
+                        "–" if apart is None else f"{apart.mean:+.{digits}f} [{low_high}] {apart.verdict}"
+                    )
                 lines.append(f"| {variant} | " + " | ".join(shown) + " |")
-    own = {story["variant"]: story["keypoints"] for story in recorded["runs"] if story["seed"] == 0 and "keypoints" in story}
+    own = {
+        story["variant"]: story["keypoints"]
+        for story in recorded["runs"]
+        if story["seed"] == 0 and "keypoints" in story
+    }
     if own:
-        lines += ["", "## Given the true keypoints", "", "Medians over all test frames, seed 0. The class is the one it named itself.", ""]
-        lines += ["| | R, own keypoints (deg) | R, true | t, own (m) | t, true | distance off, own | distance off, true |", "|---|" + "---:|" * 6]
+        lines += [
+            "",
+            "## Given the true keypoints",
+            "",
+            "Medians over all test frames, seed 0. The class is the one it named itself.",
+            "",
+        ]
+        lines += [
+            "| | R, own keypoints (deg) | R, true | t, own (m) | t, true | distance off, own | distance off, true |",
+            "|---|" + "---:|" * 6,
+        ]
         for variant, found in own.items():
-            shown = [number(found[whose][key], digits) for key, digits in (("R_deg", 1), ("t_m", 3)) for whose in ("its own", "true")]
+            shown = [
+                number(found[whose][key], digits)
+                for key, digits in (("R_deg", 1), ("t_m", 3))
+                for whose in ("its own", "true")
+            ]
             shown += [percent(found[whose]["distance"]) for whose in ("its own", "true")]
             lines.append(f"| {variant} | {' | '.join(shown)} |")
     return "\n".join(lines) + "\n"
@@ -324,4 +374,9 @@ def as_csv(recorded: dict[str, Any]) -> str:
 def draw(recorded: dict[str, Any]) -> plt.Figure:
     """One panel a metric, one line a row."""
     names = methods(recorded)
-    return panels(recorded, names, [variant for _, variant in names], lambda name, key: paper_value(recorded["name"], name[1], key))
+    return panels(
+        recorded,
+        names,
+        [variant for _, variant in names],
+        lambda name, key: paper_value(recorded["name"], name[1], key),
+    )

@@ -56,7 +56,11 @@ class Results:
     def fps(self, name: str, engine: str, key: str = "frames_per_s") -> float:
         """Frames a second on the CPU at batch 1 (or another value of that row)."""
         rows = self["speed"]["rows"]
-        return next(row[key] for row in rows if (row["name"], row["engine"], row["device"], row["batch"]) == (name, engine, "cpu", 1))
+        return next(
+            row[key]
+            for row in rows
+            if (row["name"], row["engine"], row["device"], row["batch"]) == (name, engine, "cpu", 1)
+        )
 
 
 @dataclass(frozen=True)
@@ -92,7 +96,9 @@ def printed(table: str, row: str) -> str:
     """The same four numbers as the paper prints them."""
     values = PAPER[table][row]
     if isinstance(values, dict):
-        values = [values[key]["average_printed"] for key in ("R_deg_MAE", "R_deg_MedAE", "t_m_MAE", "t_m_MedAE")]
+        values = [
+            values[key]["average_printed"] for key in ("R_deg_MAE", "R_deg_MedAE", "t_m_MAE", "t_m_MedAE")
+        ]
     R_mae, R_medae, t_mae, t_medae = values
     return f"{R_mae:.1f}° / {R_medae:.1f}°, {t_mae:.3f} / {t_medae:.3f} m"
 
@@ -100,7 +106,12 @@ def printed(table: str, row: str) -> str:
 def below_the_paper(results: Results, method: str = "DroneKey++", variant: str | None = None) -> bool:
     """Whether a row of Table 3 is better than the paper prints it in all four numbers."""
     row, paper = results.row("table3", method, variant), PAPER["table3"][method]
-    keys = {"R_deg_MAE": "R_mae_deg", "R_deg_MedAE": "R_medae_deg", "t_m_MAE": "t_axis_mae_m", "t_m_MedAE": "t_medae_m"}
+    keys = {
+        "R_deg_MAE": "R_mae_deg",
+        "R_deg_MedAE": "R_medae_deg",
+        "t_m_MAE": "t_axis_mae_m",
+        "t_m_MedAE": "t_medae_m",
+    }
     return all(row[ours] < paper[theirs]["average_printed"] for theirs, ours in keys.items())
 
 
@@ -225,7 +236,9 @@ def strangers(results: Results) -> tuple[float, float]:
 def of_figure_6(results: Results) -> list[dict[str, Any]]:
     """Its rows that are about whole pictures, by the descriptor."""
     names = ("real", "plain", "drawn", "photographs")
-    return [row for row in results["figure6"]["rows"] if row["features"] == "descriptor" and row["set"] in names]
+    return [
+        row for row in results["figure6"]["rows"] if row["features"] == "descriptor" and row["set"] in names
+    ]
 
 
 def shipped_answers(results: Results) -> list[dict[str, Any]]:
@@ -241,7 +254,9 @@ def markdown(results: Results) -> str:
         test, notebook = claim.test.partition("::")[0], f"notebooks/{claim.notebook}.ipynb"
         links = f"[`{claim.code.rpartition('.')[2]}`]({file}) · [test](tests/{test}) · [{claim.notebook[:2]} § {claim.section}]({notebook})"
         verdict = f"**{claim.verdict}**" + (f": {claim.why}" if claim.why else "")
-        lines.append(f"| {claim.where} | {claim.says} | {links} | {claim.paper} | {claim.ours(results) if claim.ours else ''} | {verdict} |")
+        lines.append(
+            f"| {claim.where} | {claim.says} | {links} | {claim.paper} | {claim.ours(results) if claim.ours else ''} | {verdict} |"
+        )
     return "\n".join(lines) + "\n"
 
 
@@ -249,7 +264,10 @@ def source_of(code: str) -> str:
     """The file, from the repository's root, that holds a dotted name below dronekeypp."""
     package, parts = Path(__file__).parents[1], code.split(".")
     for n in range(len(parts), 0, -1):
-        for candidate in (package.joinpath(*parts[:n]).with_suffix(".py"), package.joinpath(*parts[:n]) / "__init__.py"):
+        for candidate in (
+            package.joinpath(*parts[:n]).with_suffix(".py"),
+            package.joinpath(*parts[:n]) / "__init__.py",
+        ):
             if candidate.is_file():
                 return f"src/dronekeypp/{candidate.relative_to(package)}"
     raise InputError(f"{code}: no such module")
@@ -257,17 +275,28 @@ def source_of(code: str) -> str:
 
 def in_short(results: Results) -> str:
     """The results in three lines: the paper's, its network measured here, ours; and what the columns are."""
-    lines = ["| | rotation MAE / MedAE | translation MAE / MedAE | class | frames/s, CPU |", "|---|---|---|---|---|"]
+    lines = [
+        "| | rotation MAE / MedAE | translation MAE / MedAE | class | frames/s, CPU |",
+        "|---|---|---|---|---|",
+    ]
     paper = printed("table3", "DroneKey++").split(", ")
-    lines.append(f"| the paper, on its data | {paper[0]} | {paper[1]} | – | {PAPER['speed']['cpu_fps']:.0f} |")
+    lines.append(
+        f"| the paper, on its data | {paper[0]} | {paper[1]} | – | {PAPER['speed']['cpu_fps']:.0f} |"
+    )
     for name, title, row in (
         ("DroneKey++", "its method at laptop size, on our data", results.row("table3")),
-        ("DroneKey++, geometric", "ours: a geometric solver inside (notebook 12)", results.row("beyond", variant="geometric")),
+        (
+            "DroneKey++, geometric",
+            "ours: a geometric solver inside (notebook 12)",
+            results.row("beyond", variant="geometric"),
+        ),
     ):
         turn, shift = pose(row).split(", ")
         speed = f"{results.fps(name, 'ONNX Runtime'):.0f} ({results.fps(name, 'eager'):.0f})"
         lines.append(f"| {title} | {turn} | {shift} | {100 * row['class_accuracy']:.0f} % | {speed} |")
-    faster = [results.fps("DroneKey++", engine, "ratio_to_yolov8n_pose") for engine in ("ONNX Runtime", "eager")]
+    faster = [
+        results.fps("DroneKey++", engine, "ratio_to_yolov8n_pose") for engine in ("ONNX Runtime", "eager")
+    ]
     lines += [
         "",
         "(Test scenes 6 and 7, seven drones: the mean of these 14 columns of Table 3; for the paper, the average it prints. "
@@ -297,7 +326,11 @@ def benchmark(results: Results) -> str:
 
 def into(readme: str, results: Results) -> str:
     """A README with the three tables put between their marks. Raises InputError if they are not there."""
-    for name, table in (("results", in_short(results)), ("benchmark", benchmark(results)), ("claims", markdown(results))):
+    for name, table in (
+        ("results", in_short(results)),
+        ("benchmark", benchmark(results)),
+        ("claims", markdown(results)),
+    ):
         begin, end = MARKS[name]
         before, found, rest = readme.partition(begin)
         _, finish, after = rest.partition(end)
@@ -316,8 +349,16 @@ def reproduce(root: Path) -> dict[str, Any]:
     results = Results(root)
     for claim in CLAIMS:
         if claim.holds and not claim.holds(results):
-            raise InputError(f"{claim.where}, {claim.says}: the verdict “{claim.verdict}” no longer fits the results; look at it again")
+            raise InputError(
+                f"{claim.where}, {claim.says}: the verdict “{claim.verdict}” no longer fits the results; look at it again"
+            )
     path = root / "README.md"
     write_beside(path, into(path.read_text(encoding="utf-8"), results).encode())
     write_beside(root / "figures" / "overlay.jpg", sheet(root / "data_samples"))
-    return {"claims": len(CLAIMS), **{verdict: sum(c.verdict == verdict for c in CLAIMS) for verdict in (REPRODUCED, DIFFERS, NOT_ATTEMPTED)}}
+    return {
+        "claims": len(CLAIMS),
+        **{
+            verdict: sum(c.verdict == verdict for c in CLAIMS)
+            for verdict in (REPRODUCED, DIFFERS, NOT_ATTEMPTED)
+        },
+    }

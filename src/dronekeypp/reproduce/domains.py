@@ -10,11 +10,11 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
+from dronekeypp.environments.cache import environment_files
 from dronekeypp.errors import InputError
 from dronekeypp.files import write_beside
 from dronekeypp.reproduce.runner import Bench, Run, describe, result, rows_and_averages, write_result
 from dronekeypp.reproduce.tables import average, interval, methods, percent
-from dronekeypp.sixdronesyn.cache import environment_files
 
 DOMAINS = ("drawn", "photographs")
 RUN = Run("DroneKey++")  # the one of Table 3: trained before drawn environments it is the same run
@@ -29,7 +29,10 @@ def reproduce(bench: Bench, photographs: Path, seeds: int = 1) -> dict[str, Any]
     if len(environment_files(photographs)) < 6:
         raise InputError(f"{photographs}: a split by panorama needs six images or more")
     other = dataclasses.replace(
-        bench, data=bench.data.with_name(bench.data.name + "-photographs"), environments=photographs, group=bench.group + "-photographs"
+        bench,
+        data=bench.data.with_name(bench.data.name + "-photographs"),
+        environments=photographs,
+        group=bench.group + "-photographs",
     )
     benches = dict(zip(DOMAINS, (bench, other), strict=True))
     for each in benches.values():
@@ -39,12 +42,23 @@ def reproduce(bench: Bench, photographs: Path, seeds: int = 1) -> dict[str, Any]
         for trained, source in benches.items():
             for tested, target in benches.items():
                 frames = source.measure(RUN, seed, name=f"test-{tested}", data=target.data)[None]
-                labels = {"method": RUN.method, "variant": f"trained {trained}, tested {tested}", "seed": seed}
+                labels = {
+                    "method": RUN.method,
+                    "variant": f"trained {trained}, tested {tested}",
+                    "seed": seed,
+                }
                 found = rows_and_averages(frames, **labels)
                 rows += found[0]
                 means += found[1]
             stories.append({**source.story(RUN, seed), "trained": trained})
-            recorded = result("domains", bench, stories, datasets={d: describe(b.data) for d, b in benches.items()}, rows=rows, averages=means)
+            recorded = result(
+                "domains",
+                bench,
+                stories,
+                datasets={d: describe(b.data) for d, b in benches.items()},
+                rows=rows,
+                averages=means,
+            )
             write_result(bench.root, recorded)
             (bench.root / "figures").mkdir(exist_ok=True)
             write_beside(bench.root / "figures" / "domains.md", markdown(recorded).encode())
@@ -62,6 +76,11 @@ def markdown(recorded: dict[str, Any]) -> str:
     for method, variant in methods(recorded):
         row = average(recorded, method, variant)
         trained, tested = (part.split()[1] for part in variant.split(", "))
-        cells = [interval(row, key, digits) for key, digits in (("R_mae_deg", 2), ("R_medae_deg", 2), ("t_mae_m", 3), ("t_medae_m", 3))]
-        lines.append(f"| {trained} | {tested} | {' | '.join(cells)} | {percent(row['class_accuracy'])} | {row['keypoint_px']:.1f} |")
+        cells = [
+            interval(row, key, digits)
+            for key, digits in (("R_mae_deg", 2), ("R_medae_deg", 2), ("t_mae_m", 3), ("t_medae_m", 3))
+        ]
+        lines.append(
+            f"| {trained} | {tested} | {' | '.join(cells)} | {percent(row['class_accuracy'])} | {row['keypoint_px']:.1f} |"
+        )
     return "\n".join(lines) + "\n"

@@ -31,12 +31,21 @@ from dronekeypp.baselines import load_network
 from dronekeypp.camera import clamp_square, crop_image, square_around
 from dronekeypp.errors import InputError
 from dronekeypp.evaluate import MEASURES as ERRORS
-from dronekeypp.evaluate import frame_errors, plain
+from dronekeypp.evaluate import frame_errors, json_values
 from dronekeypp.files import write_beside
 from dronekeypp.footage import read_picture
 from dronekeypp.model import Backbone, DroneKeyPP, ModelConfig
 from dronekeypp.predict import mirror_doubt
-from dronekeypp.realism import auc, backbone_features, covered, descriptor, frechet, held_out_scores, interval, kernel_mmd
+from dronekeypp.realism import (
+    auc,
+    backbone_features,
+    covered,
+    descriptor,
+    frechet,
+    held_out_scores,
+    interval,
+    kernel_mmd,
+)
 from dronekeypp.reproduce import ablations
 from dronekeypp.reproduce.runner import Bench, describe, read_result, result, say, write_npz, write_result
 from dronekeypp.reproduce.tables import number, write_figure
@@ -60,8 +69,17 @@ SETS = {
 }
 # A made set once more, with the same drones and places: as small as the real ones, and as a small, compressed video shows them.
 VERSIONS = {"": "as made", " small": "as small as real ones", " degraded": "small, noisy, compressed"}
-MEASURES = {"frechet": "Fréchet distance", "mmd": "MMD²", "auc": "AUC of a linear classifier", "coverage": "coverage of the real frames"}
-KINDS = {"descriptor": "training-free descriptor", "backbone": "our backbone", "imagenet": "ResNet-18 of ImageNet"}
+MEASURES = {
+    "frechet": "Fréchet distance",
+    "mmd": "MMD²",
+    "auc": "AUC of a linear classifier",
+    "coverage": "coverage of the real frames",
+}
+KINDS = {
+    "descriptor": "training-free descriptor",
+    "backbone": "our backbone",
+    "imagenet": "ResNet-18 of ImageNet",
+}
 MAPS = ((30, 0), (30, 1), (10, 0), (100, 0))  # t-SNE: perplexity, seed; the first is drawn
 
 
@@ -91,7 +109,9 @@ def real_pictures(folder: Path, size: int) -> Pictures:
     """
     path = folder / "boxes.csv"
     if not path.is_file():
-        raise InputError(f"{path} not found: real frames need a table with the columns file, video, x, y, w, h")
+        raise InputError(
+            f"{path} not found: real frames need a table with the columns file, video, x, y, w, h"
+        )
     with open(path, newline="") as file:
         rows = list(csv.DictReader(file))
     columns = set(rows[0]) if rows else set()
@@ -123,22 +143,42 @@ def made_pictures(data: Path, size: int) -> Pictures:
     chosen = np.linspace(0, len(dataset) - 1, min(PICTURES, len(dataset))).round().astype(int)
     items = [dataset[i] for i in chosen]
     images = [(item["image"].permute(1, 2, 0).numpy() * 255).round().astype(np.uint8) for item in items]
-    flights, squares = np.array([int(item["subsequence"]) for item in items]), np.stack([item["square"].numpy() for item in items])
-    truth = torch.utils.data.default_collate([{name: value for name, value in item.items() if name != "image"} for item in items])
-    return Pictures(np.stack(images), flights, squares, np.stack([dataset.frames[i].box for i in chosen]), truth)
+    flights, squares = (
+        np.array([int(item["subsequence"]) for item in items]),
+        np.stack([item["square"].numpy() for item in items]),
+    )
+    truth = torch.utils.data.default_collate(
+        [{name: value for name, value in item.items() if name != "image"} for item in items]
+    )
+    return Pictures(
+        np.stack(images), flights, squares, np.stack([dataset.frames[i].box for i in chosen]), truth
+    )
 
 
 def as_small(pictures: Pictures, sides: np.ndarray) -> Pictures:
     """Each crop at the resolution of a real one drawn at random: shrunk to that many pixels, and enlarged again."""
     size, rng = pictures.images.shape[1], np.random.default_rng(0)
     drawn = rng.choice(sides, len(pictures.images)).round().astype(int).clip(4, size)
-    shrunk = [cv2.resize(image, (s, s), interpolation=cv2.INTER_AREA) for image, s in zip(pictures.images, drawn, strict=True)]
-    return replace(pictures, images=np.stack([cv2.resize(image, (size, size), interpolation=cv2.INTER_LINEAR) for image in shrunk]))
+    shrunk = [
+        cv2.resize(image, (s, s), interpolation=cv2.INTER_AREA)
+        for image, s in zip(pictures.images, drawn, strict=True)
+    ]
+    return replace(
+        pictures,
+        images=np.stack(
+            [cv2.resize(image, (size, size), interpolation=cv2.INTER_LINEAR) for image in shrunk]
+        ),
+    )
 
 
 def as_video(pictures: Pictures) -> Pictures:
     """Each crop as `dataset.degrade` shows it."""
-    return replace(pictures, images=np.stack([degrade(image, np.random.default_rng([0, i])) for i, image in enumerate(pictures.images)]))
+    return replace(
+        pictures,
+        images=np.stack(
+            [degrade(image, np.random.default_rng([0, i])) for i, image in enumerate(pictures.images)]
+        ),
+    )
 
 
 def paint_plain(folder: Path) -> Path:
@@ -147,7 +187,9 @@ def paint_plain(folder: Path) -> Path:
     for i in range(22):
         above, below = np.random.default_rng([0, i]).uniform([[120] * 3, [50] * 3], [[240] * 3, [160] * 3])
         image = np.where(np.arange(256)[:, None, None] < 128, above, below) * np.ones((1, 512, 1))
-        cv2.imwrite(str(folder / f"plain_{i:02d}.png"), cv2.GaussianBlur(image.round().astype(np.uint8), (0, 0), 2))
+        cv2.imwrite(
+            str(folder / f"plain_{i:02d}.png"), cv2.GaussianBlur(image.round().astype(np.uint8), (0, 0), 2)
+        )
     return folder
 
 
@@ -155,12 +197,21 @@ def rendered(bench: Bench, name: str, environments: Path | None) -> Path:
     """The folder of a made set, its test flights rendered if they are not there."""
     folder = bench.data if name == "drawn" else bench.data.with_name(f"{bench.data.name}-{name}")
     there = read_json(folder / "manifest.json") if (folder / "manifest.json").is_file() else {}
-    stride = there.get("settings", {}).get("stride", max(bench.stride, 10) if name == "plain" else bench.stride)  # plain: just enough
+    stride = there.get("settings", {}).get(
+        "stride", max(bench.stride, 10) if name == "plain" else bench.stride
+    )  # plain: just enough
     if there.get("frames", {}).get("test", 0) < count_frames(TEST, stride=stride):
         say(f"rendering into {folder}", bench.progress)
         from dronekeypp.sixdronesyn.generate import generate  # here, as in `Bench.render`
 
-        generate(folder, TEST, stride=stride, environments=environments, workers=bench.workers, progress=bench.progress)
+        generate(
+            folder,
+            TEST,
+            stride=stride,
+            environments=environments,
+            workers=bench.workers,
+            progress=bench.progress,
+        )
     return folder
 
 
@@ -173,26 +224,43 @@ def from_pictures(bench: Bench, real: Path) -> tuple[dict[str, np.ndarray], list
         "descriptor": descriptor,
         "backbone": lambda images: backbone_features(shipped.backbone, images),
     }
-    if (Path(torch.hub.get_dir()) / "checkpoints" / Path(torchvision.models.ResNet18_Weights.IMAGENET1K_V1.url).name).is_file():
+    if (
+        Path(torch.hub.get_dir())
+        / "checkpoints"
+        / Path(torchvision.models.ResNet18_Weights.IMAGENET1K_V1.url).name
+    ).is_file():
         imagenet = Backbone(ModelConfig(backbone="resnet18", backbone_weights="imagenet"))
         extract["imagenet"] = lambda images: backbone_features(imagenet, images)
     sets, datasets = {"real": real_pictures(real, size)}, {}
-    sources = {"plain": paint_plain(bench.root / "data" / "plain"), "drawn": bench.environments, "photographs": bench.photographs}
+    sources = {
+        "plain": paint_plain(bench.root / "data" / "plain"),
+        "drawn": bench.environments,
+        "photographs": bench.photographs,
+    }
     for name, environments in sources.items():
         if name == "photographs" and environments is None:
             continue
         folder = rendered(bench, name, environments)
         sets[name], datasets[name] = made_pictures(folder, size), describe(folder)
-        sets[f"{name} small"], sets[f"{name} degraded"] = as_small(sets[name], sets["real"].squares[:, 2]), as_video(sets[name])
+        sets[f"{name} small"], sets[f"{name} degraded"] = (
+            as_small(sets[name], sets["real"].squares[:, 2]),
+            as_video(sets[name]),
+        )
     arrays = {f"{name}/groups": pictures.groups.astype(np.int32) for name, pictures in sets.items()}
     for name, pictures in sets.items():
         arrays |= {f"{name}/{kind}": of(pictures.tensor).astype(np.float16) for kind, of in extract.items()}
     networks = {"shipped": shipped}
-    for row in ablations.ABLATIONS["degraded"].rows:  # before and after, if `reproduce degraded` has trained them
+    for row in ablations.ABLATIONS[
+        "degraded"
+    ].rows:  # before and after, if `reproduce degraded` has trained them
         best = bench.folder(ablations.run_of(row, bench.preset), 0) / BEST
         if best.is_dir():
             networks[row.name] = load_network(best)
-    answers = [{"network": who, "set": name, **answer(network, sets[name])} for who, network in networks.items() for name in sets]
+    answers = [
+        {"network": who, "set": name, **answer(network, sets[name])}
+        for who, network in networks.items()
+        for name in sets
+    ]
     return arrays, answers, datasets
 
 
@@ -207,16 +275,22 @@ def answer(network: DroneKeyPP, pictures: Pictures) -> dict[str, Any]:
     network.eval()
     size, doubt, parts = pictures.images.shape[1], [], []
     K = torch.tensor([[1500.0, 0, 960], [0, 1500, 540], [0, 0, 1]]).expand(len(pictures.images), 3, 3)
-    if pictures.truth is not None:  # otherwise any camera will do: keypoints and class come from the picture alone
+    if (
+        pictures.truth is not None
+    ):  # otherwise any camera will do: keypoints and class come from the picture alone
         K = pictures.truth["K"]
-    for inputs in zip(*(v.split(64) for v in (pictures.tensor, K, torch.from_numpy(pictures.squares).float())), strict=True):
+    for inputs in zip(
+        *(v.split(64) for v in (pictures.tensor, K, torch.from_numpy(pictures.squares).float())), strict=True
+    ):
         found = network(*inputs)
         doubt.append(size * mirror_doubt(network, *inputs, found["keypoints"]))
         parts.append({name: found[name] for name in ("keypoints", "keypoints_px", "class_probs", "R", "t")})
     output = {name: torch.cat([part[name] for part in parts]) for name in parts[0]}
     values, (share, named) = torch.cat(doubt).numpy(), output["class_probs"].max(dim=1)
     low = pictures.boxes[:, None, :2] - 0.1 * pictures.boxes[:, 2:].max(axis=1)[:, None, None]
-    high = 2 * pictures.boxes[:, None, :2] + pictures.boxes[:, None, 2:] - low  # as far beyond the other corner
+    high = (
+        2 * pictures.boxes[:, None, :2] + pictures.boxes[:, None, 2:] - low
+    )  # as far beyond the other corner
     points = output["keypoints_px"].numpy()
     videos = np.unique(pictures.groups)
     medians = np.array([np.median(values[pictures.groups == video]) for video in videos])
@@ -229,7 +303,7 @@ def answer(network: DroneKeyPP, pictures: Pictures) -> dict[str, Any]:
     if pictures.truth is not None:
         errors = frame_errors(output, {**pictures.truth, "image": pictures.tensor[:1]})
         answers |= {key: ERRORS[key](errors) for key in ("R_medae_deg", "t_medae_m", "class_accuracy")}
-    return plain(answers)
+    return json_values(answers)
 
 
 # --- from features on ------------------------------------------------------------------------------------------------------------------
@@ -253,7 +327,9 @@ def components(arrays: dict[str, np.ndarray], kind: str) -> tuple[dict[str, np.n
     fitted = np.concatenate([features[name] for name in SETS if name in features])
     scaler = StandardScaler().fit(fitted)
     pca = PCA(min(COMPONENTS, *fitted.shape), random_state=0).fit(scaler.transform(fitted))
-    return {name: pca.transform(scaler.transform(x)) for name, x in features.items()}, float(pca.explained_variance_ratio_.sum())
+    return {name: pca.transform(scaler.transform(x)) for name, x in features.items()}, float(
+        pca.explained_variance_ratio_.sum()
+    )
 
 
 def distances(x: dict[str, np.ndarray], arrays: dict[str, np.ndarray]) -> Iterator[dict[str, Any]]:
@@ -272,7 +348,10 @@ def distances(x: dict[str, np.ndarray], arrays: dict[str, np.ndarray]) -> Iterat
             ("coverage", share, [cover], of[:1]),
         ):  # fmt: skip
             low, high = interval(measure, parts, by)
-            row |= {key: measure(*parts), f"{key}_ci95": [max(low, 0.0), min(high, 1.0)] if key in ("auc", "coverage") else [low, high]}
+            row |= {
+                key: measure(*parts),
+                f"{key}_ci95": [max(low, 0.0), min(high, 1.0)] if key in ("auc", "coverage") else [low, high],
+            }
         yield row
 
 
@@ -285,14 +364,23 @@ def among_themselves(real: np.ndarray, groups: np.ndarray, splits: int = 40) -> 
     for _ in range(splits):
         half = np.isin(groups, draw.permutation(np.unique(groups))[::2])
         one, other, of = real[half], real[~half], (groups[half], groups[~half])
-        found.append((frechet(one, other), kernel_mmd(one, other), auc(*held_out_scores(one, other, *of)), float(covered(one, other).mean())))
+        found.append(
+            (
+                frechet(one, other),
+                kernel_mmd(one, other),
+                auc(*held_out_scores(one, other, *of)),
+                float(covered(one, other).mean()),
+            )
+        )
     row: dict[str, Any] = {"set": "real", "pictures": len(real) // 2}
     for key, values in zip(MEASURES, np.transpose(found), strict=True):
         row |= {key: float(values.mean()), f"{key}_ci95": np.percentile(values, [2.5, 97.5]).tolist()}
     return row
 
 
-def gains(x: dict[str, np.ndarray], arrays: dict[str, np.ndarray], pairs: list[tuple[str, str]]) -> Iterator[dict[str, Any]]:
+def gains(
+    x: dict[str, np.ndarray], arrays: dict[str, np.ndarray], pairs: list[tuple[str, str]]
+) -> Iterator[dict[str, Any]]:
     """How much nearer to the real frames the second set of each pair is than the first: the difference of two distances, with its interval."""
     for before, after in pairs:
         for key, measure in (("frechet", frechet), ("mmd", kernel_mmd)):
@@ -300,13 +388,21 @@ def gains(x: dict[str, np.ndarray], arrays: dict[str, np.ndarray], pairs: list[t
             names = ("real", before, after)
             parts, by = [x[name] for name in names], [arrays[f"{name}/groups"] for name in names]
             low_high = interval(apart, parts, by, paired=(1, 2))  # the same flights
-            yield {"before": before, "after": after, "measure": key, "difference": apart(*parts), "difference_ci95": low_high}
+            yield {
+                "before": before,
+                "after": after,
+                "measure": key,
+                "difference": apart(*parts),
+                "difference_ci95": low_high,
+            }
 
 
 def tsne(x: dict[str, np.ndarray], perplexity: float, seed: int) -> np.ndarray:
     """Every picture of the sets as made on a plane, (sum of n, 2), in the order of SETS (van der Maaten & Hinton 2008)."""
     points = np.concatenate([x[name] for name in SETS if name in x])
-    return TSNE(perplexity=min(perplexity, (len(points) - 1) / 3), random_state=seed, init="random").fit_transform(points)
+    return TSNE(
+        perplexity=min(perplexity, (len(points) - 1) / 3), random_state=seed, init="random"
+    ).fit_transform(points)
 
 
 def tsne_name(perplexity: float, seed: int) -> str:
@@ -320,14 +416,22 @@ def labels_of(x: dict[str, np.ndarray]) -> np.ndarray:
 
 def flights_of(arrays: dict[str, np.ndarray]) -> np.ndarray:
     """The video or flight of each row of `tsne`: a flight has one number before every background, a video one of its own."""
-    return np.concatenate([arrays[f"{name}/groups"] if name != "real" else -1 - arrays["real/groups"] for name in SETS if f"{name}/groups" in arrays])
+    return np.concatenate(
+        [
+            arrays[f"{name}/groups"] if name != "real" else -1 - arrays["real/groups"]
+            for name in SETS
+            if f"{name}/groups" in arrays
+        ]
+    )
 
 
 def purity(points: np.ndarray, labels: np.ndarray, flights: np.ndarray) -> dict[str, float]:
     """By label: the share of a picture's 10 nearest neighbours from other videos and flights that are of its own label."""
     apart = cdist(points, points, "sqeuclidean")
     apart[flights[:, None] == flights] = np.inf
-    same = (labels[np.argpartition(apart, NEIGHBOURS, axis=1)[:, :NEIGHBOURS]] == labels[:, None]).mean(axis=1)
+    same = (labels[np.argpartition(apart, NEIGHBOURS, axis=1)[:, :NEIGHBOURS]] == labels[:, None]).mean(
+        axis=1
+    )
     return {name: float(same[labels == name].mean()) for name in dict.fromkeys(labels.tolist())}
 
 
@@ -352,7 +456,11 @@ def reproduce(bench: Bench) -> dict[str, Any]:
         earlier = read_result("figure6", bench.root)
         arrays, answers, datasets = read_features(bench.root), earlier["answers"], earlier["datasets"]
     made = [name for name in list(SETS)[1:] if name in sets_of(arrays)]
-    pairs = [*zip(made, made[1:], strict=False), (made[0], made[-1]), *((name, name + version) for name in made for version in list(VERSIONS)[1:])]
+    pairs = [
+        *zip(made, made[1:], strict=False),
+        (made[0], made[-1]),
+        *((name, name + version) for name in made for version in list(VERSIONS)[1:]),
+    ]
     rows, nearer, maps, kept, planes = [], [], [], {}, {}
     for kind in kinds_of(arrays):
         say(f"measuring: {KINDS[kind]}", bench.progress)
@@ -364,8 +472,22 @@ def reproduce(bench: Bench) -> dict[str, Any]:
         planes[kind] = {"all components": together, "two components": together[:, :2]}
         planes[kind] |= {tsne_name(*one): tsne(x, *one) for one in MAPS}
         for title, points in planes[kind].items():
-            maps.append({"features": kind, "map": title, "purity": purity(points, labels, flights_of(arrays)), "order": centre_order(points, labels)})
-    parts = {"datasets": datasets, "variance_kept": kept, "rows": rows, "nearer": nearer, "maps": maps, "answers": answers}
+            maps.append(
+                {
+                    "features": kind,
+                    "map": title,
+                    "purity": purity(points, labels, flights_of(arrays)),
+                    "order": centre_order(points, labels),
+                }
+            )
+    parts = {
+        "datasets": datasets,
+        "variance_kept": kept,
+        "rows": rows,
+        "nearer": nearer,
+        "maps": maps,
+        "answers": answers,
+    }
     recorded = result("figure6", bench, [], dataset=datasets["drawn"], of=len(arrays["real/groups"]), **parts)
     write_result(bench.root, recorded)
     folder = bench.root / "figures"
@@ -380,7 +502,9 @@ def read_features(root: Path | None = None) -> dict[str, np.ndarray]:
     """The recorded features, from `root` or the repository: "SET/KIND" (n, D) float16 and "SET/groups" (n,)."""
     path = (root or Path(__file__).parents[3]) / FEATURES
     if not path.is_file():
-        raise InputError(f"{path} not found: make it with `python -m dronekeypp reproduce figure6 --real DIR`")
+        raise InputError(
+            f"{path} not found: make it with `python -m dronekeypp reproduce figure6 --real DIR`"
+        )
     with np.load(io.BytesIO(path.read_bytes())) as stored:
         return dict(stored)
 
@@ -408,23 +532,44 @@ def markdown(recorded: dict[str, Any]) -> str:
         "95 % intervals by leaving out whole videos and flights.",
     ]
     for kind, kept in recorded["variance_kept"].items():
-        rows, nearer = ([row for row in recorded[part] if row["features"] == kind] for part in ("rows", "nearer"))
-        lines += ["", f"## {KINDS[kind]}", "", f"{COMPONENTS} principal components hold {100 * kept:.0f} % of the variance.", ""]
+        rows, nearer = (
+            [row for row in recorded[part] if row["features"] == kind] for part in ("rows", "nearer")
+        )
+        lines += [
+            "",
+            f"## {KINDS[kind]}",
+            "",
+            f"{COMPONENTS} principal components hold {100 * kept:.0f} % of the variance.",
+            "",
+        ]
         lines += ["| set | " + " | ".join(MEASURES.values()) + " |", "|---|" + "---:|" * len(MEASURES)]
-        lines += [f"| {set_label(row['set'])} | " + " | ".join(with_interval(row, key) for key in MEASURES) + " |" for row in rows]
+        lines += [
+            f"| {set_label(row['set'])} | " + " | ".join(with_interval(row, key) for key in MEASURES) + " |"
+            for row in rows
+        ]
         lines += ["", "| from | to | measure | change |", "|---|---|---|---:|"]
         for row in nearer:
             (low, high), digits = row["difference_ci95"], 1 if row["measure"] == "frechet" else 2
             names = (set_label(row["before"]), set_label(row["after"]), MEASURES[row["measure"]])
-            lines.append(f"| {' | '.join(names)} | {row['difference']:+.{digits}f} [{low:+.{digits}f}, {high:+.{digits}f}] |")
+            lines.append(
+                f"| {' | '.join(names)} | {row['difference']:+.{digits}f} [{low:+.{digits}f}, {high:+.{digits}f}] |"
+            )
     lines += ["", "## What a network answers", ""]
-    lines += ["Mirror doubt: how far its keypoints move when the crop is mirrored, pixels of a 96 px crop; mean of the videos' medians.", ""]
-    lines += ["| network | set | mirror doubt (px) | class probability, median | R MedAE (deg) | t MedAE (m) |", "|---|---|---:|---:|---:|---:|"]
+    lines += [
+        "Mirror doubt: how far its keypoints move when the crop is mirrored, pixels of a 96 px crop; mean of the videos' medians.",
+        "",
+    ]
+    lines += [
+        "| network | set | mirror doubt (px) | class probability, median | R MedAE (deg) | t MedAE (m) |",
+        "|---|---|---:|---:|---:|---:|",
+    ]
     for row in recorded["answers"]:
         name = "real frames" if row["set"] == "real" else set_label(row["set"])
         errors = [number(row.get(key), digits) for key, digits in (("R_medae_deg", 1), ("t_medae_m", 3))]
         sure = f"{100 * row['class_probability']:.0f} %"
-        lines.append(f"| {' | '.join([row['network'], name, with_interval(row, 'doubt_px'), sure, *errors])} |")
+        lines.append(
+            f"| {' | '.join([row['network'], name, with_interval(row, 'doubt_px'), sure, *errors])} |"
+        )
     return "\n".join(lines) + "\n"
 
 
@@ -434,7 +579,16 @@ def scatter(ax: plt.Axes, points: np.ndarray, labels: np.ndarray) -> plt.Axes:
         if name in labels:
             text, colour, marker = SETS[name]
             chosen = points[labels == name]
-            ax.scatter(*chosen.T, s=9, c=colour, marker=marker, alpha=0.6, linewidths=0, label=text, zorder=3 if name == "real" else 2)
+            ax.scatter(
+                *chosen.T,
+                s=9,
+                c=colour,
+                marker=marker,
+                alpha=0.6,
+                linewidths=0,
+                label=text,
+                zorder=3 if name == "real" else 2,
+            )
     return ax
 
 
@@ -443,8 +597,12 @@ def draw_maps(planes: dict[str, dict[str, np.ndarray]], labels: np.ndarray) -> p
     plots.style()
     figure, axes = plt.subplots(len(planes), 2, figsize=(9, 3.9 * len(planes)), squeeze=False)
     for line, (kind, maps) in zip(axes, planes.items(), strict=True):
-        scatter(line[0], maps["two components"], labels).set(title=f"PCA, {KINDS[kind]}", xlabel="first component", ylabel="second component")
-        scatter(line[1], maps[tsne_name(*MAPS[0])], labels).set(title=f"t-SNE, {KINDS[kind]}", xticks=[], yticks=[])
+        scatter(line[0], maps["two components"], labels).set(
+            title=f"PCA, {KINDS[kind]}", xlabel="first component", ylabel="second component"
+        )
+        scatter(line[1], maps[tsne_name(*MAPS[0])], labels).set(
+            title=f"t-SNE, {KINDS[kind]}", xticks=[], yticks=[]
+        )
     handles, names = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, names, ncols=4, loc="outside lower center", markerscale=2)
     return figure
@@ -455,14 +613,28 @@ def draw_distances(recorded: dict[str, Any]) -> plt.Figure:
     plots.style()
     kinds = list(dict.fromkeys(row["features"] for row in recorded["rows"]))
     names = list(dict.fromkeys(row["set"] for row in recorded["rows"]))[::-1]
-    figure, axes = plt.subplots(len(kinds), len(MEASURES), figsize=(12, 0.7 + 2.8 * len(kinds)), sharex="col", sharey=True, squeeze=False)
+    figure, axes = plt.subplots(
+        len(kinds),
+        len(MEASURES),
+        figsize=(12, 0.7 + 2.8 * len(kinds)),
+        sharex="col",
+        sharey=True,
+        squeeze=False,
+    )
     for line, kind in zip(axes, kinds, strict=True):
         for ax, key in zip(line, MEASURES, strict=True):
             for i, name in enumerate(names):
                 row = next(r for r in recorded["rows"] if (r["features"], r["set"]) == (kind, name))
                 _, colour, marker = SETS[name.partition(" ")[0]]
                 ax.plot(row[f"{key}_ci95"], [i, i], color=colour, linewidth=1.5)
-                ax.plot(row[key], i, marker, color=colour, markersize=5, markerfacecolor=colour if " " not in name else "white")
+                ax.plot(
+                    row[key],
+                    i,
+                    marker,
+                    color=colour,
+                    markersize=5,
+                    markerfacecolor=colour if " " not in name else "white",
+                )
             ax.grid(axis="x", alpha=0.3)
         line[0].set_yticks(range(len(names)), [short_label(name) for name in names])
         line[0].set_ylabel(KINDS[kind], fontweight="bold")

@@ -15,7 +15,7 @@ import torch
 from scipy.stats import linregress, spearmanr
 
 from dronekeypp import plots
-from dronekeypp.evaluate import drone_names, frame_errors, plain, poses
+from dronekeypp.evaluate import drone_names, frame_errors, json_values, read_annotations
 from dronekeypp.files import write_beside
 from dronekeypp.model import DroneKeyPP
 from dronekeypp.reproduce.runner import Bench, Run, complete, result, rows_and_averages, write_result
@@ -37,7 +37,9 @@ def radius(hubs: np.ndarray) -> float:
     return float(np.sqrt(np.square(hubs - hubs.mean(axis=0)).sum(axis=1).mean()))
 
 
-def told_wrong(model: DroneKeyPP, frames: dict[str, np.ndarray], truth: dict[str, torch.Tensor]) -> dict[str, list[list[float]]]:
+def told_wrong(
+    model: DroneKeyPP, frames: dict[str, np.ndarray], truth: dict[str, torch.Tensor]
+) -> dict[str, list[list[float]]]:
     """Medians by true and told class, 7 x 7 each: distance_ratio (predicted over true distance), R_deg, t_m.
 
     `frames` are those of `evaluate` with the network's own keypoints, `truth` the annotations of the same frames. Only the decoder runs again.
@@ -46,12 +48,16 @@ def told_wrong(model: DroneKeyPP, frames: dict[str, np.ndarray], truth: dict[str
     names = drone_names()
     truth = {key: value.to(device) for key, value in truth.items()}
     keypoints = torch.from_numpy(frames["keypoints"]).to(device)
-    blank = torch.empty(len(keypoints), 3, 1, model.config.image_size, device=device)  # of the pictures only the width is read
+    blank = torch.empty(
+        len(keypoints), 3, 1, model.config.image_size, device=device
+    )  # of the pictures only the width is read
     found = {key: [[0.0] * len(names) for _ in names] for key in ("distance_ratio", "R_deg", "t_m")}
     for told in range(len(names)):
         label = torch.full_like(truth["label"], told)
         with torch.inference_mode():
-            errors = frame_errors(model(None, truth["K"], truth["square"], keypoints, label), {**truth, "image": blank})
+            errors = frame_errors(
+                model(None, truth["K"], truth["square"], keypoints, label), {**truth, "image": blank}
+            )
         for true in range(len(names)):
             for key, table in found.items():
                 table[true][told] = float(np.median(errors[key][frames["label"] == true]))
@@ -67,7 +73,10 @@ def embedding(model: DroneKeyPP) -> dict[str, Any]:
     apart = torch.cdist(columns, columns).numpy()
     sizes = np.log([hub_radius(name) for name in drone_names()])
     pairs = np.triu_indices(len(sizes), 1)
-    return {"distance": apart.tolist(), "spearman": float(spearmanr(np.abs(sizes[:, None] - sizes)[pairs], apart[pairs]).statistic)}
+    return {
+        "distance": apart.tolist(),
+        "spearman": float(spearmanr(np.abs(sizes[:, None] - sizes)[pairs], apart[pairs]).statistic),
+    }
 
 
 def reproduce(bench: Bench, seeds: int = 1) -> dict[str, Any]:
@@ -85,12 +94,14 @@ def measured(bench: Bench, run: Run, seed: int) -> dict[str, Any]:
         drone = DRONES[run.without].index
         frames = {key: value[frames["label"] == drone] for key, value in frames.items()}
         share = np.bincount(frames["predicted"], minlength=len(DRONES)) / len(frames["predicted"])
-        found["taken_for"] = [{"drone": run.without, "seed": seed, "share": plain(share.tolist())}]
+        found["taken_for"] = [{"drone": run.without, "seed": seed, "share": json_values(share.tolist())}]
     else:
-        model = DroneKeyPP.from_pretrained(bench.train(run, seed)).to(choose_device(bench.settings(run, seed)[1]))
-        truth = poses(bench.split("test", run, seed))
-        found["told"] = [{"seed": seed, **plain(told_wrong(model, frames, truth))}]
-        found["embedding"] = [{"seed": seed, **plain(embedding(model))}]
+        model = DroneKeyPP.from_pretrained(bench.train(run, seed)).to(
+            choose_device(bench.settings(run, seed)[1])
+        )
+        truth = read_annotations(bench.split("test", run, seed))
+        found["told"] = [{"seed": seed, **json_values(told_wrong(model, frames, truth))}]
+        found["embedding"] = [{"seed": seed, **json_values(embedding(model))}]
     labels = {"method": run.method, "variant": run.variant, "seed": seed}
     found["rows"], found["averages"] = rows_and_averages(frames, **labels)
     return found
@@ -98,7 +109,10 @@ def measured(bench: Bench, run: Run, seed: int) -> dict[str, Any]:
 
 def record(bench: Bench, parts: list[dict[str, Any]]) -> dict[str, Any]:
     """Write the result, its table and its figure from what there is; returns the result."""
-    joined = {key: [row for part in parts for row in part[key]] for key in ("rows", "averages", "told", "embedding", "taken_for")}
+    joined = {
+        key: [row for part in parts for row in part[key]]
+        for key in ("rows", "averages", "told", "embedding", "taken_for")
+    }
     sizes = {name: round(hub_radius(name), 5) for name in drone_names()}
     recorded = result("priors", bench, [part["story"] for part in parts], hub_radius_m=sizes, **joined)
     write_result(bench.root, recorded)
@@ -123,7 +137,9 @@ def told_medians(recorded: dict[str, Any], key: str) -> np.ndarray:
 def told_slope(recorded: dict[str, Any]) -> tuple[float, float]:
     """Of log(distance ratio) on log(size ratio) over the 42 wrong pairs: slope and r². 1 and 1: the told size sets the distance, nothing else."""
     wrong = ~np.eye(len(recorded["hub_radius_m"]), dtype=bool)
-    fit = linregress(np.log(size_ratios(recorded)[wrong]), np.log(told_medians(recorded, "distance_ratio")[wrong]))
+    fit = linregress(
+        np.log(size_ratios(recorded)[wrong]), np.log(told_medians(recorded, "distance_ratio")[wrong])
+    )
     return float(fit.slope), float(fit.rvalue**2)
 
 
@@ -131,7 +147,11 @@ def left_out(recorded: dict[str, Any], drone: str, key: str) -> tuple[float, flo
     """A measure of a drone, mean of its two test scenes: with the drone in training, and without."""
     both = []
     for variant in (None, WITHOUT[drone].variant):
-        both.append(over_seeds([row for row in recorded["rows"] if (row["variant"], row["drone"]) == (variant, drone)], key))
+        both.append(
+            over_seeds(
+                [row for row in recorded["rows"] if (row["variant"], row["drone"]) == (variant, drone)], key
+            )
+        )
     return both[0], both[1]
 
 
@@ -159,7 +179,11 @@ def markdown(recorded: dict[str, Any]) -> str:
         ]
         for true in order:
             pairs = [(names.index(true), names.index(told)) for told in order]
-            lines.append(f"| {true} | " + " | ".join(f"{ratios[p]:.2f} ({size_ratios(recorded)[p]:.2f})" for p in pairs) + " |")
+            lines.append(
+                f"| {true} | "
+                + " | ".join(f"{ratios[p]:.2f} ({size_ratios(recorded)[p]:.2f})" for p in pairs)
+                + " |"
+            )
     lines += [
         "",
         "## A drone left out of training",
@@ -177,11 +201,15 @@ def markdown(recorded: dict[str, Any]) -> str:
             cells = [" → ".join(number(v, digits) for v in left_out(recorded, drone, key))
                       for key, digits in (("R_medae_deg", 1), ("t_medae_m", 3), ("distance_ratio", 2), ("keypoint_px", 1))]  # fmt: skip
             most = ", ".join(f"{names[i]} {percent(share[i])}" for i in np.argsort(-share)[:2])
-            lines.append(f"| {drone} | {recorded['hub_radius_m'][drone]:.3f} | {' | '.join(cells)} | {most} |")
+            lines.append(
+                f"| {drone} | {recorded['hub_radius_m'][drone]:.3f} | {' | '.join(cells)} | {most} |"
+            )
     if recorded["embedding"]:
         rank = np.mean([one["spearman"] for one in recorded["embedding"]])
         lines += ["", "## The class embedding", ""]
-        lines += [f"Distance of two drones' embeddings against |log size ratio|, 21 pairs: rank correlation {rank:.2f}."]
+        lines += [
+            f"Distance of two drones' embeddings against |log size ratio|, 21 pairs: rank correlation {rank:.2f}."
+        ]
     return "\n".join(lines) + "\n"
 
 
@@ -196,7 +224,12 @@ def draw(recorded: dict[str, Any]) -> plt.Figure:
         span = [x.min(), x.max()]
         axes[0].plot(span, span, color="0.6", linewidth=1, label="told size sets the distance")
         axes[0].plot(x, y, "o", markersize=4, label="42 pairs of drones")
-        axes[0].set(xscale="log", yscale="log", xlabel="told size / true size", ylabel="predicted / true distance (median)")
+        axes[0].set(
+            xscale="log",
+            yscale="log",
+            xlabel="told size / true size",
+            ylabel="predicted / true distance (median)",
+        )
         for axis in (axes[0].xaxis, axes[0].yaxis):
             axis.set_ticks([0.5, 1, 2], ["½", "1", "2"])
             axis.set_ticks([], minor=True)
@@ -206,15 +239,30 @@ def draw(recorded: dict[str, Any]) -> plt.Figure:
         inside, outside = left_out(recorded, drone, "t_medae_m")
         axes[1].plot([place] * 2, [inside, outside], color="0.8", linewidth=1, zorder=0)
         axes[1].plot(place, inside, "o", color="#0072B2", label="in training" if not place else None)
-        axes[1].plot(place, outside, "D", color="#D55E00", markerfacecolor="none", label="left out" if not place else None)
+        axes[1].plot(
+            place,
+            outside,
+            "D",
+            color="#D55E00",
+            markerfacecolor="none",
+            label="left out" if not place else None,
+        )
     axes[1].set_xticks(range(len(order)), order, rotation=30)
     axes[1].set(ylim=(0, None), ylabel="translation MedAE (m)", title="A drone left out of training")
     axes[1].legend()
     if recorded["embedding"]:
         sizes, pairs = np.log(list(recorded["hub_radius_m"].values())), np.triu_indices(len(names), 1)
         for one in recorded["embedding"]:
-            axes[2].plot(np.abs(sizes[:, None] - sizes)[pairs], np.array(one["distance"])[pairs], "o", markersize=4, label=f"seed {one['seed']}")
-        axes[2].set(xlabel="|log size ratio| of two drones", ylabel="distance of their embeddings", ylim=(0, None))
+            axes[2].plot(
+                np.abs(sizes[:, None] - sizes)[pairs],
+                np.array(one["distance"])[pairs],
+                "o",
+                markersize=4,
+                label=f"seed {one['seed']}",
+            )
+        axes[2].set(
+            xlabel="|log size ratio| of two drones", ylabel="distance of their embeddings", ylim=(0, None)
+        )
         axes[2].legend()
     axes[2].set_title("What the class embedding holds")
     return figure

@@ -25,7 +25,7 @@ from tqdm import tqdm
 from dronekeypp import __version__
 from dronekeypp.baselines import NETWORKS, network_class
 from dronekeypp.errors import InputError
-from dronekeypp.evaluate import FORMAT, averages, evaluate, plain, summarise
+from dronekeypp.evaluate import FORMAT, averages, evaluate, json_values, summarise
 from dronekeypp.files import command_line, digest, write_beside
 from dronekeypp.model import ModelConfig
 from dronekeypp.model.base import WEIGHTS
@@ -35,9 +35,20 @@ from dronekeypp.sixdronesyn.bop import read_json
 from dronekeypp.sixdronesyn.dataset import SixDroneSyn
 from dronekeypp.sixdronesyn.drones import DRONES
 from dronekeypp.sixdronesyn.scenes import count_frames, frame_numbers, subsequences
-from dronekeypp.train import BEST, CONFIG, METRICS, check_settings, choose_device, run_settings, train_on, weights_digest
+from dronekeypp.train import (
+    BEST,
+    CONFIG,
+    METRICS,
+    check_settings,
+    choose_device,
+    run_settings,
+    train_on,
+    weights_digest,
+)
 
-PAPER = json.loads((Path(__file__).parent / "paper.json").read_text(encoding="utf-8"))  # every number the paper prints, by table and row
+PAPER = json.loads(
+    (Path(__file__).parent / "paper.json").read_text(encoding="utf-8")
+)  # every number the paper prints, by table and row
 HARDWARE = "hardware.txt"  # in a run's folder: what it was trained on
 
 
@@ -94,15 +105,27 @@ class Bench:
         there = read_json(self.data / "manifest.json") if (self.data / "manifest.json").is_file() else {}
         settings = there.get("settings", {})
         if settings.get("stride", self.stride) != self.stride:
-            raise InputError(f"{self.data} keeps every {settings['stride']}. frame, not every {self.stride}.; set --stride or --data")
+            raise InputError(
+                f"{self.data} keeps every {settings['stride']}. frame, not every {self.stride}.; set --stride or --data"
+            )
         wanted = self.environments.resolve().name if self.environments else None
         if wanted and settings.get("environments", wanted) != wanted:
-            raise InputError(f"{self.data} was rendered before {settings['environments']}, not before {wanted}; set --data to another folder")
+            raise InputError(
+                f"{self.data} was rendered before {settings['environments']}, not before {wanted}; set --data to another folder"
+            )
         if sum(there.get("frames", {}).values()) < count_frames(stride=self.stride):
-            from dronekeypp.sixdronesyn.generate import generate  # here: a server that is handed the finished data set needs no renderer
+            from dronekeypp.sixdronesyn.generate import (
+                generate,
+            )  # here: a server that is handed the finished data set needs no renderer
 
             say(f"rendering into {self.data}", self.progress)
-            generate(self.data, stride=self.stride, environments=self.environments, workers=self.workers, progress=self.progress)
+            generate(
+                self.data,
+                stride=self.stride,
+                environments=self.environments,
+                workers=self.workers,
+                progress=self.progress,
+            )
 
     def settings(self, run: Run, seed: int) -> tuple[ModelConfig, TrainConfig]:
         """The settings of a run."""
@@ -116,7 +139,9 @@ class Bench:
         model, training = self.settings(run, seed)
         shown = {"augment": training.augment, "degrade": training.degrade} if name == "train" else {}
         drones = [drone for drone in DRONES if drone != run.without or name == "test"]
-        return SixDroneSyn(data or self.data, name, size=model.image_size, seed=training.seed, drones=drones, **shown)
+        return SixDroneSyn(
+            data or self.data, name, size=model.image_size, seed=training.seed, drones=drones, **shown
+        )
 
     def count(self, name: str, run: Run) -> int:
         """Frames of a split that a run sees, from the table of flights alone."""
@@ -147,7 +172,9 @@ class Bench:
             say(f"{run.method} {run.variant or ''} seed {seed}: {folder}", self.progress)
             sets = [self.split(name, run, seed) for name in ("train", "val")]
             network = network_class(run.method)
-            train_on(*sets, folder, *self.settings(run, seed), resume=True, progress=self.progress, network=network)
+            train_on(
+                *sets, folder, *self.settings(run, seed), resume=True, progress=self.progress, network=network
+            )
         if not (folder / HARDWARE).is_file():  # also after a kill between the last epoch and this line
             write_beside(folder / HARDWARE, f"{hardware(self.settings(run, seed)[1])}\n".encode())
         return folder / BEST
@@ -165,16 +192,24 @@ class Bench:
             path = folder / f"{name}{'-' + hypothesis if hypothesis else ''}.npz"
             frames = read_npz(path, made_from)
             if frames is None:
-                model = network_class(run.method).from_pretrained(best).to(choose_device(self.settings(run, seed)[1]))
+                model = (
+                    network_class(run.method)
+                    .from_pretrained(best)
+                    .to(choose_device(self.settings(run, seed)[1]))
+                )
                 if hypothesis:
                     model.pnp.hypothesis = hypothesis
-                frames = evaluate(model, self.split(split, run, seed, data), progress=self._bar(f"{run.method} {name}"))
+                frames = evaluate(
+                    model, self.split(split, run, seed, data), progress=self._bar(f"{run.method} {name}")
+                )
                 write_npz(path, frames, made_from)
             found[variant_name(run, hypothesis)] = frames
         return found
 
     def _bar(self, title: str) -> Callable[[Iterable], Iterable]:
-        return lambda batches: tqdm(batches, title, leave=False, disable=not (self.progress and sys.stderr.isatty()))
+        return lambda batches: tqdm(
+            batches, title, leave=False, disable=not (self.progress and sys.stderr.isatty())
+        )
 
     def story(self, run: Run, seed: int) -> dict[str, Any]:
         """How a finished run went: epochs, minutes, the best epoch, parameters, where."""
@@ -191,7 +226,10 @@ class Bench:
 
 
 def complete(
-    jobs: Sequence[tuple], finished: Callable[..., bool], measured: Callable[..., Any], record: Callable[[list], dict[str, Any]]
+    jobs: Sequence[tuple],
+    finished: Callable[..., bool],
+    measured: Callable[..., Any],
+    record: Callable[[list], dict[str, Any]],
 ) -> dict[str, Any]:
     """Measure every job and record them in their order, anew after each that was trained: a kill loses nothing. Returns the last record.
 
@@ -218,7 +256,9 @@ def say(line: str, progress: bool) -> None:
 
 def source_digest(weights: Path, data: Path) -> str:
     """What a measurement was made from: these weights, on these frames, by this version of `frame_errors`."""
-    return f"{digest(weights.read_bytes())} on {read_json(data / 'manifest.json')['digest']}, measures {FORMAT}"
+    return (
+        f"{digest(weights.read_bytes())} on {read_json(data / 'manifest.json')['digest']}, measures {FORMAT}"
+    )
 
 
 def write_npz(path: Path, arrays: dict[str, Any], made_from: str | None = None) -> None:
@@ -241,10 +281,12 @@ def read_npz(path: Path, made_from: str) -> dict[str, np.ndarray] | None:
 
 def rows_and_averages(frames: dict[str, np.ndarray], **labels) -> tuple[list[dict], list[dict]]:
     """`summarise` and `averages` of one method, for JSON."""
-    return plain(summarise(frames, **labels)), plain(averages(frames, **labels))
+    return json_values(summarise(frames, **labels)), json_values(averages(frames, **labels))
 
 
-def result(name: str, bench: Bench, stories: Sequence[dict], dataset: dict[str, Any] | None = None, **parts) -> dict[str, Any]:
+def result(
+    name: str, bench: Bench, stories: Sequence[dict], dataset: dict[str, Any] | None = None, **parts
+) -> dict[str, Any]:
     """A recorded result: what was run, on what (default: the bench's data), for how long, and its rows."""
     command = command_line() if sys.argv[1:2] == ["reproduce"] else None
     return {
@@ -255,7 +297,12 @@ def result(name: str, bench: Bench, stories: Sequence[dict], dataset: dict[str, 
         "dataset": dataset or describe(bench.data),
         "hardware": ", ".join(dict.fromkeys(story["hardware"] for story in stories)),
         "minutes": round(sum(story["minutes"] for story in stories), 1),
-        "versions": {"dronekeypp": __version__, "torch": torch.__version__, "numpy": np.__version__, "python": platform.python_version()},
+        "versions": {
+            "dronekeypp": __version__,
+            "torch": torch.__version__,
+            "numpy": np.__version__,
+            "python": platform.python_version(),
+        },
         "runs": list(stories),
         **parts,
     }
@@ -274,7 +321,11 @@ def describe(data: Path) -> dict[str, Any]:
 def hardware(config: TrainConfig) -> str:
     """The device a training runs on, in words."""
     device = choose_device(config)
-    return torch.cuda.get_device_name(device) if device.type == "cuda" else f"{os.cpu_count()} CPU cores ({platform.machine()})"
+    return (
+        torch.cuda.get_device_name(device)
+        if device.type == "cuda"
+        else f"{os.cpu_count()} CPU cores ({platform.machine()})"
+    )
 
 
 def write_result(root: Path, result: dict[str, Any]) -> Path:

@@ -18,7 +18,7 @@ from torch.utils.data import DataLoader
 from dronekeypp.baselines import network_class, yolo
 from dronekeypp.baselines.pnp_pose import PnPPose
 from dronekeypp.camera import from_crop
-from dronekeypp.evaluate import drone_names, frame_errors, poses, to_device
+from dronekeypp.evaluate import drone_names, frame_errors, read_annotations, to_device
 from dronekeypp.files import write_beside
 from dronekeypp.model.base import WEIGHTS
 from dronekeypp.predict import mirror_doubt
@@ -77,10 +77,17 @@ def reproduce(bench: Bench, seeds: int = 1) -> dict[str, Any]:
     """
     bench.render()
     jobs = [(bench, run, seed) for seed in range(seeds) for run in RUNS]
-    absent = [job for job in jobs if job[1].method == yolo.METHOD and not yolo.installed() and not finished(*job)]
+    absent = [
+        job for job in jobs if job[1].method == yolo.METHOD and not yolo.installed() and not finished(*job)
+    ]
     if absent:
-        say('YOLOv8n-pose is left out: its extra is not installed (pip install -e ".[yolo]", AGPL-3.0)', bench.progress)
-    return complete([job for job in jobs if job not in absent], finished, measured, lambda parts: record(bench, parts))
+        say(
+            'YOLOv8n-pose is left out: its extra is not installed (pip install -e ".[yolo]", AGPL-3.0)',
+            bench.progress,
+        )
+    return complete(
+        [job for job in jobs if job not in absent], finished, measured, lambda parts: record(bench, parts)
+    )
 
 
 def finished(bench: Bench, run: Run, seed: int) -> bool:
@@ -107,12 +114,21 @@ def measured(bench: Bench, run: Run, seed: int) -> dict[str, Any]:
         found["averages"] += means
         answered = frames["predicted"] >= 0
         if answered.any():
-            matrix = confusion_matrix(frames["label"][answered], frames["predicted"][answered], labels=range(len(drone_names())))
+            matrix = confusion_matrix(
+                frames["label"][answered], frames["predicted"][answered], labels=range(len(drone_names()))
+            )
             found["confusion"].append(
-                {**labels, "drones": drone_names(), "true_by_predicted": matrix.tolist(), "unanswered": int((~answered).sum())}
+                {
+                    **labels,
+                    "drones": drone_names(),
+                    "true_by_predicted": matrix.tolist(),
+                    "unanswered": int((~answered).sum()),
+                }
             )
         if seed == 0:
-            found["arrays"].update({f"{title(run.method, variant)}/{name}": shrink(frames[name]) for name in KEPT})
+            found["arrays"].update(
+                {f"{title(run.method, variant)}/{name}": shrink(frames[name]) for name in KEPT}
+            )
     return found
 
 
@@ -129,7 +145,9 @@ def record(bench: Bench, parts: Sequence[dict[str, Any]]) -> dict[str, Any]:
 def keep_checkpoint(bench: Bench, run: Run, seed: int) -> None:
     """The run's best network as float16, and its curve, in data_samples/checkpoint."""
     folder = bench.root / "data_samples" / "checkpoint"
-    network_class(run.method).from_pretrained(bench.folder(run, seed) / BEST).save_pretrained(folder, half=True)
+    network_class(run.method).from_pretrained(bench.folder(run, seed) / BEST).save_pretrained(
+        folder, half=True
+    )
     write_beside(folder / METRICS, (bench.folder(run, seed) / METRICS).read_bytes())
 
 
@@ -148,15 +166,25 @@ def keep_flights(bench: Bench, run: Run, seed: int) -> None:
     model = network_class(run.method).from_pretrained(bench.train(run, seed)).to(device)
     arrays: dict[str, np.ndarray] = {}
     for split in ("val", "test"):
-        frames, dataset = bench.measure(run, seed, name=split, split=split)[run.variant], bench.split(split, run, seed)
-        truth, doubts = poses(dataset), []
+        frames, dataset = (
+            bench.measure(run, seed, name=split, split=split)[run.variant],
+            bench.split(split, run, seed),
+        )
+        truth, doubts = read_annotations(dataset), []
         with torch.inference_mode():
             for items in DataLoader(dataset, 64):
                 items = to_device(items, device)
                 inputs = [items[name] for name in ("image", "K", "square")]
                 doubts.append(mirror_doubt(model, *inputs, model(*inputs)["keypoints"]).cpu())
-        found = {name: frames[name] for name in ("subsequence", "frame", "label", "predicted", "t", "layer_spread", "keypoint_units")}
-        found |= {"true_t": truth["t"].numpy(), "rotvec": Rotation.from_matrix(frames["R"]).as_rotvec(), "mirror": torch.cat(doubts).numpy()}
+        found = {
+            name: frames[name]
+            for name in ("subsequence", "frame", "label", "predicted", "t", "layer_spread", "keypoint_units")
+        }
+        found |= {
+            "true_t": truth["t"].numpy(),
+            "rotvec": Rotation.from_matrix(frames["R"]).as_rotvec(),
+            "mirror": torch.cat(doubts).numpy(),
+        }
         found["true_rotvec"] = Rotation.from_matrix(truth["R"].numpy()).as_rotvec()
         arrays |= {f"{split}/{name}": shrink(value) for name, value in found.items()}
     write_npz(path, arrays, made_from)
@@ -168,13 +196,17 @@ def yolo_epochs(bench: Bench, run: Run, seed: int) -> int:
     return max(1, round(training.epochs * min(training.frames or frames, frames) / frames))
 
 
-def measure_yolo(bench: Bench, run: Run, seed: int) -> tuple[dict[str | None, dict[str, np.ndarray]], dict[str, Any]]:
+def measure_yolo(
+    bench: Bench, run: Run, seed: int
+) -> tuple[dict[str | None, dict[str, np.ndarray]], dict[str, Any]]:
     """`Bench.measure` and `Bench.story` for YOLOv8n-pose, which trains itself. Its PnP is told the true drone, as DroneKey's is."""
     (model, training), folder = bench.settings(run, seed), bench.folder(run, seed)
     say(f"{run.method} seed {seed}: {folder}", bench.progress)
     val = bench.split("val", run, seed)
     if training.val_frames:
-        val = SixDroneSyn(bench.data, "val", size=model.image_size, stride=max(1, len(val) // training.val_frames))
+        val = SixDroneSyn(
+            bench.data, "val", size=model.image_size, stride=max(1, len(val) // training.val_frames)
+        )
     sets = {"train": SixDroneSyn(bench.data, "train", size=model.image_size), "val": val}
     settings = {
         "size": model.image_size, "epochs": yolo_epochs(bench, run, seed), "batch": training.batch, "seed": seed,
@@ -184,7 +216,7 @@ def measure_yolo(bench: Bench, run: Run, seed: int) -> tuple[dict[str | None, di
     weights = yolo.train(sets, folder, drone_names(), settings, device)
     made_from, found, answer = source_digest(weights, bench.data), {}, None
     pnp = PnPPose(model.classes)
-    pnp.learn(poses(sets["train"]))
+    pnp.learn(read_annotations(sets["train"]))
     for hypothesis in run.hypotheses:
         path = folder / f"test-{hypothesis}.npz"
         frames = read_npz(path, made_from)
@@ -197,7 +229,14 @@ def measure_yolo(bench: Bench, run: Run, seed: int) -> tuple[dict[str | None, di
             frames = frame_errors({**answer, **pnp(pixels, items["label"], items["K"])}, items)
             write_npz(path, frames, made_from)
         found[variant_name(run, hypothesis)] = frames
-    story = {"method": run.method, "variant": None, "seed": seed, **yolo.story(folder), "changes": {}, "hardware": hardware(training)}
+    story = {
+        "method": run.method,
+        "variant": None,
+        "seed": seed,
+        **yolo.story(folder),
+        "changes": {},
+        "hardware": hardware(training),
+    }
     return found, story
 
 
@@ -205,7 +244,9 @@ def shrink(values: np.ndarray) -> np.ndarray:
     """Three digits and small integers are enough for a figure."""
     if values.dtype.kind == "f":
         return values.astype(np.float16)
-    return values.astype(np.int16 if values.max() < 2**15 else np.int32) if values.dtype.kind == "i" else values
+    return (
+        values.astype(np.int16 if values.max() < 2**15 else np.int32) if values.dtype.kind == "i" else values
+    )
 
 
 def paper_cells(method: str, key: str, names: Sequence[str] = ()) -> list[float] | None:
@@ -213,7 +254,10 @@ def paper_cells(method: str, key: str, names: Sequence[str] = ()) -> list[float]
     printed = PAPER["table3"].get(method, {}).get(key)
     if printed is None:
         return None
-    return [*(printed[f"scene_{scene:02d}"].get(drone, np.nan) for scene in TEST_SCENES for drone in names), printed["average_printed"]]
+    return [
+        *(printed[f"scene_{scene:02d}"].get(drone, np.nan) for scene in TEST_SCENES for drone in names),
+        printed["average_printed"],
+    ]
 
 
 def write_table(recorded: dict[str, Any], folder: Path) -> None:
@@ -259,7 +303,11 @@ def markdown(recorded: dict[str, Any]) -> str:
             if variant is None and theirs and (printed := paper_cells(method, theirs, drones(recorded))):
                 values.insert(0, ("paper", printed))
             for who, numbers in values:
-                lines.append(f"| {title(method, variant)} | {name} | {who} | " + " | ".join(number(v, digits) for v in numbers) + " |")
+                lines.append(
+                    f"| {title(method, variant)} | {name} | {who} | "
+                    + " | ".join(number(v, digits) for v in numbers)
+                    + " |"
+                )
     lines += [
         "",
         "## Averages, with 95 % intervals",
@@ -267,7 +315,9 @@ def markdown(recorded: dict[str, Any]) -> str:
         f"Mean of the {len(columns)} columns; the interval draws these sequences (scene and drone) with replacement. They are few: an interval this "
         "rough says only whether two methods are far apart. Seeds are averaged first.",
         "",
-        "| method | " + " | ".join(name for name, *_ in PRINTED) + " | class | keypoints (px) | PCK@0.05 | heading flips | no pose |",
+        "| method | "
+        + " | ".join(name for name, *_ in PRINTED)
+        + " | class | keypoints (px) | PCK@0.05 | heading flips | no pose |",
         "|---|" + "---:|" * (len(PRINTED) + 5),
     ]
     for method, variant in methods(recorded):
@@ -292,5 +342,15 @@ def as_csv(recorded: dict[str, Any]) -> str:
                 values.append(("paper", ours, printed))
             for source, metric, numbers in values:
                 for (scene, drone), value in zip(places, numbers, strict=True):
-                    writer.writerow([method, variant or "", metric, source, scene, drone, "" if np.isnan(value) else f"{value:.6g}"])
+                    writer.writerow(
+                        [
+                            method,
+                            variant or "",
+                            metric,
+                            source,
+                            scene,
+                            drone,
+                            "" if np.isnan(value) else f"{value:.6g}",
+                        ]
+                    )
     return text.getvalue()

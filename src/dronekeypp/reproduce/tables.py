@@ -58,8 +58,13 @@ def cells(recorded: dict[str, Any], method: str, variant: str | None, key: str) 
 
 def by_seed(recorded: dict[str, Any], method: str, variant: str | None, key: str) -> list[float]:
     """The mean over the 14 columns of every seed by itself, in the seeds' order; without those that did not measure it."""
-    seeds = sorted({row["seed"] for row in recorded["rows"] if (row["method"], row["variant"]) == (method, variant)})
-    means = [cells({"rows": [row for row in recorded["rows"] if row["seed"] == seed]}, method, variant, key)[-1] for seed in seeds]
+    seeds = sorted(
+        {row["seed"] for row in recorded["rows"] if (row["method"], row["variant"]) == (method, variant)}
+    )
+    means = [
+        cells({"rows": [row for row in recorded["rows"] if row["seed"] == seed]}, method, variant, key)[-1]
+        for seed in seeds
+    ]
     return [mean for mean in means if not np.isnan(mean)]
 
 
@@ -108,15 +113,32 @@ def panels(
             if row[key] is not None:
                 low, high = row.get(f"{key}_ci95") or (row[key], row[key])
                 ax.plot([low, high], [i, i], color="#0072B2", linewidth=1.5)
-                ax.plot(row[key], i, "o", color="#0072B2", markersize=5, label="measured here, 95 % interval over the sequences")
+                ax.plot(
+                    row[key],
+                    i,
+                    "o",
+                    color="#0072B2",
+                    markersize=5,
+                    label="measured here, 95 % interval over the sequences",
+                )
             if len(seeds) > 1:
                 ax.plot(seeds, [i] * len(seeds), "|", color="black", markersize=7, label="each seed")
             if theirs is not None:
-                ax.plot(theirs, i, "D", color="#D55E00", markersize=5, markerfacecolor="none", label="paper, its data")
+                ax.plot(
+                    theirs,
+                    i,
+                    "D",
+                    color="#D55E00",
+                    markersize=5,
+                    markerfacecolor="none",
+                    label="paper, its data",
+                )
         ax.set(title=title_, xlim=(0, None), ylim=(-0.6, len(names) - 0.4))
         ax.grid(axis="x", alpha=0.3)
     axes[0].set_yticks(y, labels)
-    entries = {label: line for ax in axes for line, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+    entries = {
+        label: line for ax in axes for line, label in zip(*ax.get_legend_handles_labels(), strict=True)
+    }
     figure.legend(entries.values(), entries.keys(), ncols=len(entries), loc="outside lower center")
     return figure
 

@@ -7,9 +7,24 @@ estimate. Each `_name(drone, front, rear)` returns what lies on the middle plane
 
 import numpy as np
 
-from .drones import DRONES, Drone
-from .fittings import BLACK, GREEN, RED, WHITE, arm, eye, gimbal, hinge, leg, lens, light, motor, shade, skid
-from .shapes import Part, beam, block, hull, lathe, mirrored, painted
+from dronekeypp.sixdronesyn.drones import DRONES, Drone
+from dronekeypp.sixdronesyn.fittings import (
+    BLACK,
+    GREEN,
+    RED,
+    WHITE,
+    arm,
+    eye,
+    gimbal,
+    hinge,
+    leg,
+    lens,
+    light,
+    motor,
+    shade,
+    skid,
+)
+from dronekeypp.sixdronesyn.shapes import Part, beam, block, hull, lathe, mirrored, painted
 
 Sides = tuple[list[Part], list[Part]]
 
@@ -30,7 +45,10 @@ def _mini3(d: Drone, front: np.ndarray, rear: np.ndarray) -> Sides:
     body = painted(body, dark, x=(-46.6, -45.6), z=(-13, 40))
     body = painted(body, shade(grey, 0.9), x=(-45.6, 20), y=(-14, 14), z=(20, 40))
     body = painted(body, dark, x=(35, 62), y=(-9, 9), z=(21, 24.3))
-    middle = [body, *gimbal((64, 0, -5), (12, 16.5, 16), 9, shade(grey, 0.88), shade(grey, 0.62), [(0, 0, 10)])]
+    middle = [
+        body,
+        *gimbal((64, 0, -5), (12, 16.5, 16), 9, shade(grey, 0.88), shade(grey, 0.62), [(0, 0, 10)]),
+    ]
     left = [
         beam([(28, 25, -7), (48, 25, -5), (60, 22, 9)], [(4.5, 12), (3.8, 10), (2.6, 5)], grey, along=6),
         *eye(body, (44, 15, 15), (0.75, 0.62, 0.32), 6.0), *eye(body, (-52, 10, 12), (-0.75, 0.45, 0.62), 4.8),
@@ -62,7 +80,10 @@ def _mini2(d: Drone, front: np.ndarray, rear: np.ndarray) -> Sides:
         body = painted(body, shade(grey, 0.66), x=(-51, 40), y=(edge - 0.6, edge + 0.6), z=(8, 40))
     body = painted(body, dark, x=(50, 70), y=(-18, -8), z=(7.5, 11.2))
     body = painted(body, dark, x=(50, 70), y=(8, 18), z=(7.5, 11.2))
-    middle = [body, *gimbal((58, 0, -9), (9.5, 11, 10.5), 4, shade(grey, 0.95), shade(grey, 0.72), [(0, 0, 7.4)])]
+    middle = [
+        body,
+        *gimbal((58, 0, -9), (9.5, 11, 10.5), 4, shade(grey, 0.95), shade(grey, 0.72), [(0, 0, 7.4)]),
+    ]
     middle.append(block((67, 0, 6.2), (1.6, 5, 1.0), WHITE, around=10))
     left = [
         beam([(24, 25, -9), (44, 23.5, -7), (58, 21, 2)], [(3.8, 9), (3.2, 8), (2.2, 4)], grey, along=6),
@@ -91,7 +112,17 @@ def _air3(d: Drone, front: np.ndarray, rear: np.ndarray) -> Sides:
     body = painted(body, shade(grey, 0.45), x=(-62, -60.6), z=(-24, 60))
     body = painted(body, shade(grey, 0.82), x=(-60.6, 30), y=(-19, 19), z=(30, 60))
     body = painted(body, dark, x=(45, 90), y=(-13, 13), z=(33, 38))
-    middle = [body, *gimbal((88, 0, -4), (15, 17, 26), 16, shade(dark, 1.1), shade(grey, 0.85), [(0, 12, 9.5), (0, -11.5, 10.5)])]
+    middle = [
+        body,
+        *gimbal(
+            (88, 0, -4),
+            (15, 17, 26),
+            16,
+            shade(dark, 1.1),
+            shade(grey, 0.85),
+            [(0, 12, 9.5), (0, -11.5, 10.5)],
+        ),
+    ]
     left = [
         beam([(40, 34, -8), (62, 33, -4), (80, 29, 14)], [(5, 18), (4.4, 15), (3, 7)], grey, along=6),
         *eye(body, (58, 20, 22), (0.75, 0.62, 0.3), 9.5), *eye(body, (-84, 16, 12), (-0.72, 0.5, 0.5), 7.5),
@@ -123,7 +154,10 @@ def _air2(d: Drone, front: np.ndarray, rear: np.ndarray) -> Sides:
     body = painted(body, dark, x=(-95, -2), z=(5, 6.3))
     body = painted(body, shade(grey, 0.8), x=(-95, -2), y=(-20, 20), z=(20, 50))
     body = painted(body, dark, x=(-95, -89), y=(-18, 18), z=(-14, 3))
-    middle = [body, *gimbal((76, 0, -8), (13, 15, 14.5), 9, shade(grey, 0.7), shade(grey, 0.9), [(0, 0, 10.5)])]
+    middle = [
+        body,
+        *gimbal((76, 0, -8), (13, 15, 14.5), 9, shade(grey, 0.7), shade(grey, 0.9), [(0, 0, 10.5)]),
+    ]
     middle.append(lathe([(6, 0), (6, 0.8), (4.6, 1.0)], shade(grey, 1.5), (-62, 0, 24.6), (-0.2, 0, 1)))
     left = [
         beam([(36, 31, -8), (54, 30, -5), (71, 27, 8)], [(4.5, 14), (4, 11.5), (2.8, 6)], grey, along=6),
@@ -161,9 +195,17 @@ def _mav2(d: Drone, front: np.ndarray, rear: np.ndarray) -> Sides:
         shade(grey, 0.82), rings=16, around=18,
     )  # fmt: skip
     battery = painted(battery, dark, x=(-54, -52.5))
-    middle = [body, battery, *gimbal((90, 0, -17), (15, 19, 19), 4, (60, 61, 63), shade(grey, 0.9), [(0, 0, 14.5)], (34, 35, 37), True)]
-    middle += [lathe([(5, 0), (5, 0.8), (3.6, 1.0)], WHITE, (-72, 0, 27.4), (-0.22, 0, 1)), block((90, -19.3, -17), (4, 0.5, 3),
-         (176, 138, 74), around=10)]
+    middle = [
+        body,
+        battery,
+        *gimbal(
+            (90, 0, -17), (15, 19, 19), 4, (60, 61, 63), shade(grey, 0.9), [(0, 0, 14.5)], (34, 35, 37), True
+        ),
+    ]
+    middle += [
+        lathe([(5, 0), (5, 0.8), (3.6, 1.0)], WHITE, (-72, 0, 27.4), (-0.22, 0, 1)),
+        block((90, -19.3, -17), (4, 0.5, 3), (176, 138, 74), around=10),
+    ]
     left = [
         beam([(46, 31, -8), (70, 27, -8), (90, 24, 4)], [(4.5, 13), (3.8, 9), (2.8, 5)], grey, along=6),
         *eye(body, (75, 16, 8), (1, 0.08, 0.0), 5.6, dark), *eye(body, (-90, 14, 2), (-1, 0.1, 0), 6.0), *eye(body, (-12, 10, -6),
@@ -194,7 +236,18 @@ def _mav3(d: Drone, front: np.ndarray, rear: np.ndarray) -> Sides:
     for edge in (-24.0, 24.0):
         body = painted(body, shade(grey, 0.5), x=(-64, 70), y=(edge - 0.8, edge + 0.8), z=(30, 60))
     body = painted(body, dark, x=(50, 97), y=(-15, 15), z=(37, 42))
-    middle = [body, *gimbal((101, 0, -3), (16, 21, 30), 20, (72, 73, 76), shade(grey, 0.9), [(5, 18, 7.0), (0, -8, 15.0)], (38, 39, 41))]
+    middle = [
+        body,
+        *gimbal(
+            (101, 0, -3),
+            (16, 21, 30),
+            20,
+            (72, 73, 76),
+            shade(grey, 0.9),
+            [(5, 18, 7.0), (0, -8, 15.0)],
+            (38, 39, 41),
+        ),
+    ]
     middle.append(lathe([(8, -2), (8, 1), (6, 1.3)], (206, 208, 210), (-117.6, 0, 4), (-1, 0, 0)))
     left = [
         beam([(46, 36, -8), (70, 34, -5), (90, 30, 16)], [(5, 18), (4.6, 15), (3, 7)], grey, along=6),
@@ -228,19 +281,54 @@ def _tello(d: Drone, front: np.ndarray, rear: np.ndarray) -> Sides:
     cover = painted(cover, shade(white, 0.7), x=(-24, -23.2))
     cover = painted(cover, shade(white, 0.82), x=(-10, 10), y=(-4, 4), z=(10, 30))
     cover = painted(cover, dark, x=(40, 60), y=(-8, 8), z=(-8, 4))
-    middle = [lower, cover, *lens((49.2, 0, -1.5), 4.4, 6), block((-45.5, 0, -3), (2.2, 9, 4.6), shade(white, 0.6))]
+    middle = [
+        lower,
+        cover,
+        *lens((49.2, 0, -1.5), 4.4, 6),
+        block((-45.5, 0, -3), (2.2, 9, 4.6), shade(white, 0.6)),
+    ]
     left = [block((47.4, 5.6, -0.6), (1.4, 1.0, 1.0), (110, 230, 120), around=8)]
     for hub, inner in ((front, (16, 12, -1)), (rear, (-16, 12, -1))):
         left += [
             arm(inner, hub, 16.5, [(3.8, 4.2), (2.4, 2.9), (2.0, 2.6)], dark, (0.5, 0.55, 0.5)),
-            lathe([(0, -0.6), (1.6, -0.6), (1.9, -2.6), (1.0, -2.8), (1.0, -4.4), (4.0, -4.6), (4.0, -8), (5, -8.4), (5, -22),
-            (3.6, -26)], BLACK, hub, segments=14),
-            beam([hub - (0, 0, 22), hub - (0, 0, 37.2)], [(1.8, 3.6), (1.2, 1.8)], dark, up=(1, 0, 0), along=4, around=8),
+            lathe(
+                [
+                    (0, -0.6),
+                    (1.6, -0.6),
+                    (1.9, -2.6),
+                    (1.0, -2.8),
+                    (1.0, -4.4),
+                    (4.0, -4.6),
+                    (4.0, -8),
+                    (5, -8.4),
+                    (5, -22),
+                    (3.6, -26),
+                ],
+                BLACK,
+                hub,
+                segments=14,
+            ),
+            beam(
+                [hub - (0, 0, 22), hub - (0, 0, 37.2)],
+                [(1.8, 3.6), (1.2, 1.8)],
+                dark,
+                up=(1, 0, 0),
+                along=4,
+                around=8,
+            ),
         ]
     return middle, left
 
 
-_BUILDERS = {"Mini3": _mini3, "Mini2": _mini2, "Air3": _air3, "Air2": _air2, "Mav2": _mav2, "Mav3": _mav3, "Tello": _tello}
+_BUILDERS = {
+    "Mini3": _mini3,
+    "Mini2": _mini2,
+    "Air3": _air3,
+    "Air2": _air2,
+    "Mav2": _mav2,
+    "Mav3": _mav3,
+    "Tello": _tello,
+}
 
 
 def parts(name: str) -> list[Part]:

@@ -23,12 +23,12 @@ import numpy as np
 from scipy.spatial import ConvexHull
 from scipy.spatial.distance import pdist
 
-from .. import files
-from ..camera import check_intrinsics
-from ..errors import InputError
-from ..rotations import check_rotation
-from .drones import DRONES, KEYPOINT_NAMES
-from .scenes import HEIGHT, WIDTH
+from dronekeypp import files
+from dronekeypp.camera import check_intrinsics
+from dronekeypp.errors import InputError
+from dronekeypp.rotations import check_rotation
+from dronekeypp.sixdronesyn.drones import DRONES, KEYPOINT_NAMES
+from dronekeypp.sixdronesyn.scenes import HEIGHT, WIDTH
 
 SCENE_FILES = ("scene_camera.json", "scene_gt.json", "scene_gt_info.json")
 SKELETON = [[1, 2], [2, 3], [3, 4], [4, 1]]
@@ -110,7 +110,9 @@ class Frame:
         if wide <= 0:
             raise InputError(f"{seen}: crop has no area (side {wide:g} px)")
         if not (left <= middle[0] <= left + wide and top <= middle[1] <= top + high):
-            raise InputError(f"{seen}: the middle of bbox_obj lies outside the {'frame' if square is None else 'stored crop'}")
+            raise InputError(
+                f"{seen}: the middle of bbox_obj lies outside the {'frame' if square is None else 'stored crop'}"
+            )
         obj_id = truth.get("obj_id")
         if type(obj_id) is not int or not 1 <= obj_id <= len(DRONES):
             raise InputError(f"{gt}: obj_id {obj_id!r} is not one of 1 to {len(DRONES)}")
@@ -162,7 +164,11 @@ def read_json(path):
     Raises:
         InputError: missing, or not JSON; the message names the file.
     """
-    return files.read_json(path, "missing; is this a data set made by `python -m dronekeypp generate`, and did it finish?", "generate it again")
+    return files.read_json(
+        path,
+        "missing; is this a data set made by `python -m dronekeypp generate`, and did it finish?",
+        "generate it again",
+    )
 
 
 def write_flight(folder, frames, flight):
@@ -186,7 +192,9 @@ def read_flight(folder):
         for file, part in zip(where, entry, strict=True):
             if part is None:
                 raise InputError(f"{file} frame {number}: no annotation; generate this flight again")
-    return [Frame.from_bop(number, *entry, where) for number, entry in entries.items()], read_json(folder / "flight.json")
+    return [Frame.from_bop(number, *entry, where) for number, entry in entries.items()], read_json(
+        folder / "flight.json"
+    )
 
 
 def read_entries(folder):
@@ -217,7 +225,7 @@ def flight_folders(root, split):
 
 def models_info():
     """BOP's models_info.json: sizes in millimetres, plus each drone's hubs in body axes."""
-    from .meshes import drone_mesh
+    from dronekeypp.sixdronesyn.meshes import drone_mesh
 
     info = {}
     for drone in DRONES.values():
@@ -235,8 +243,8 @@ def models_info():
 
 def coco(root, split, size=None):
     """A COCO-keypoints dictionary of one split, in pixels of the stored images (`size`: the side of stored crops, None for whole frames)."""
-    from ..camera import to_crop
-    from .scenes import HEIGHT, WIDTH
+    from dronekeypp.camera import to_crop
+    from dronekeypp.sixdronesyn.scenes import HEIGHT, WIDTH
 
     images, annotations = [], []
     for folder in flight_folders(root, split):
@@ -246,15 +254,27 @@ def coco(root, split, size=None):
             if f.square is not None:
                 points, corners = (to_crop(p, f.square) * size for p in (points, corners))
             (x, y), (w, h) = corners[0], corners[1] - corners[0]
-            flat = [v for (px, py), seen in zip(points, f.visible, strict=True) for v in (round(px, 2), round(py, 2), 2 if seen else 1)]
+            flat = [
+                v
+                for (px, py), seen in zip(points, f.visible, strict=True)
+                for v in (round(px, 2), round(py, 2), 2 if seen else 1)
+            ]
             name = image_path(folder, f.number).relative_to(root).as_posix()
-            images.append({"id": identity, "file_name": name, "width": size or WIDTH, "height": size or HEIGHT})
+            images.append(
+                {"id": identity, "file_name": name, "width": size or WIDTH, "height": size or HEIGHT}
+            )
             annotations.append(
                 {"id": identity, "image_id": identity, "category_id": f.obj_id, "iscrowd": 0, "bbox": _numbers([x, y, w, h], 2),
                  "area": round(w * h, 2), "num_keypoints": 4, "keypoints": flat}
             )  # fmt: skip
     categories = [
-        {"id": d.index + 1, "name": d.name, "supercategory": "drone", "keypoints": list(KEYPOINT_NAMES), "skeleton": SKELETON}
+        {
+            "id": d.index + 1,
+            "name": d.name,
+            "supercategory": "drone",
+            "keypoints": list(KEYPOINT_NAMES),
+            "skeleton": SKELETON,
+        }
         for d in DRONES.values()
     ]
     return {"images": images, "annotations": annotations, "categories": categories}

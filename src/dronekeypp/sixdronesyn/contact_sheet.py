@@ -11,23 +11,37 @@ import pyvista as pv
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from .drones import DRONES
-from .meshes import drone_mesh
+from dronekeypp.sixdronesyn.drones import DRONES
+from dronekeypp.sixdronesyn.meshes import drone_mesh
 
 # heading 0 is in front of the drone, looking at its nose; degrees
-VIEWS = {"front left": (38, 20), "rear right": (218, 24), "left side": (90, 4), "from above": (180, 89.9), "front": (0, 3)}
+VIEWS = {
+    "front left": (38, 20),
+    "rear right": (218, 24),
+    "left side": (90, 4),
+    "from above": (180, 89.9),
+    "front": (0, 3),
+}
 BACKGROUND = (0.955, 0.96, 0.965)
 
 
 def render(
-    name: str, azimuth: float, elevation: float, pixels: tuple[int, int], half_height: float, blur: float = 2.2, samples: int = 2
+    name: str,
+    azimuth: float,
+    elevation: float,
+    pixels: tuple[int, int],
+    half_height: float,
+    blur: float = 2.2,
+    samples: int = 2,
 ) -> np.ndarray:
     """One orthographic view, (height, width, 3) uint8.
 
     The camera stands at `azimuth`, `elevation` (degrees, body frame); `half_height` metres reach from the middle to the upper edge.
     """
     mesh = drone_mesh(name)
-    plotter = pv.Plotter(off_screen=True, window_size=[pixels[0] * samples, pixels[1] * samples], lighting="none")
+    plotter = pv.Plotter(
+        off_screen=True, window_size=[pixels[0] * samples, pixels[1] * samples], lighting="none"
+    )
     plotter.set_background(BACKGROUND)
     a, e = np.radians([azimuth, elevation])
     away = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
@@ -39,8 +53,14 @@ def render(
         (0.3 * toward - (0, 0, 1), 0.25),
     )
     for direction, strength in (sun, fill, ground):
-        plotter.add_light(pv.Light(position=tuple(direction), focal_point=(0, 0, 0), intensity=strength, light_type="scene light"))
-    body = plotter.add_mesh(mesh.body, scalars="rgb", rgb=True, ambient=0.16, diffuse=1.0, specular=0.20, specular_power=24)
+        plotter.add_light(
+            pv.Light(
+                position=tuple(direction), focal_point=(0, 0, 0), intensity=strength, light_type="scene light"
+            )
+        )
+    body = plotter.add_mesh(
+        mesh.body, scalars="rgb", rgb=True, ambient=0.16, diffuse=1.0, specular=0.20, specular_power=24
+    )
     body.prop.interpolation = "phong"
     discs = mesh.propellers(np.array([0.5, 1.1, 1.9, 2.6]), blur)
     plotter.add_mesh(discs, scalars="rgba", rgb=True, lighting=False)
@@ -73,7 +93,13 @@ def contact_sheet(path: str | Path, cell: tuple[int, int] = (360, 262)) -> None:
             picture = render(drone.name, azimuth, elevation, cell, half_height)
             axes.imshow(picture, extent=(left, left + cell[0], top + cell[1], top), interpolation="none")
         axes.text(10, top + 18, drone.label, fontsize=12, weight="bold", va="center")
-        axes.text(10, top + cell[1] - 34, f"wheelbase {drone.wheelbase * 1000:.0f} mm, {drone.mass * 1000:.0f} g", fontsize=9, va="center")
+        axes.text(
+            10,
+            top + cell[1] - 34,
+            f"wheelbase {drone.wheelbase * 1000:.0f} mm, {drone.mass * 1000:.0f} g",
+            fontsize=9,
+            va="center",
+        )
         bar = 0.1 * cell[1] / (2 * half_height)
         axes.add_patch(Rectangle((10, top + cell[1] - 20), bar, 4, color="black", linewidth=0))
         axes.text(16 + bar, top + cell[1] - 18, "100 mm", fontsize=9, va="center")

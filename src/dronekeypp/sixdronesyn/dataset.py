@@ -6,13 +6,13 @@ import cv2
 import numpy as np
 import torch
 
-from .. import files
-from ..camera import CROP_MARGIN, clamp_square, crop_image, square_around, to_crop
-from ..errors import InputError
-from . import bop
-from .drones import DRONES
-from .own import VARIABLE
-from .scenes import HEIGHT, SPLITS, WIDTH, subsequences
+from dronekeypp import files
+from dronekeypp.camera import CROP_MARGIN, clamp_square, crop_image, square_around, to_crop
+from dronekeypp.errors import InputError
+from dronekeypp.sixdronesyn import bop
+from dronekeypp.sixdronesyn.drones import DRONES
+from dronekeypp.sixdronesyn.own import VARIABLE
+from dronekeypp.sixdronesyn.scenes import HEIGHT, SPLITS, WIDTH, subsequences
 
 SMALLEST_SIDE = 20  # pixels, of `degrade`
 
@@ -33,7 +33,9 @@ def read_image(path, digest=None):
     if image is None:
         raise InputError(f"{path}: truncated or not a JPEG; delete its flight folder and run generate again")
     if digest and files.digest(data) != digest:
-        raise InputError(f"{path}: not the image that was generated; delete its flight folder and run generate again")
+        raise InputError(
+            f"{path}: not the image that was generated; delete its flight folder and run generate again"
+        )
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 
@@ -43,7 +45,9 @@ def recolour(image, rng):
     There are only 14 training environments; without this a network learns their light along with the drones.
     """
     level = np.arange(256) / 255
-    curves = np.exp(rng.uniform(-0.3, 0.3) + rng.uniform(-0.1, 0.1, 3))[:, None] * level ** np.exp(rng.uniform(-0.35, 0.35))
+    curves = np.exp(rng.uniform(-0.3, 0.3) + rng.uniform(-0.1, 0.1, 3))[:, None] * level ** np.exp(
+        rng.uniform(-0.35, 0.35)
+    )
     curves = (curves * 255).clip(0, 255).astype(np.uint8)
     image = cv2.LUT(image, np.ascontiguousarray(curves.T[None]))
     saturation = rng.uniform(0.5, 1.2)
@@ -63,7 +67,9 @@ def degrade(image, rng):
     small += rng.uniform(0, 1) * (small - cv2.GaussianBlur(small, (0, 0), 1))
     small += rng.normal(0, rng.uniform(0, 8), small.shape)
     quality = int(rng.integers(30, 91))
-    data = cv2.imencode(".jpg", small.clip(0, 255).round().astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+    data = cv2.imencode(
+        ".jpg", small.clip(0, 255).round().astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, quality]
+    )[1]
     return cv2.resize(cv2.imdecode(data, cv2.IMREAD_COLOR), (S, S), interpolation=cv2.INTER_LINEAR)
 
 
@@ -92,22 +98,37 @@ class SixDroneSyn(torch.utils.data.Dataset):
     def __init__(self, root, split, size=96, augment=False, seed=0, stride=1, drones=None, degrade=False):
         if split not in SPLITS:
             raise InputError(f"split {split!r}: choose {', '.join(SPLITS)}")
-        self.root, self.split, self.size, self.augment, self.seed, self.epoch = Path(root), split, size, augment, seed, 0
+        self.root, self.split, self.size, self.augment, self.seed, self.epoch = (
+            Path(root),
+            split,
+            size,
+            augment,
+            seed,
+            0,
+        )
         self.degrade = degrade
         self.manifest = bop.read_json(self.root / "manifest.json")
         if not isinstance(self.manifest, dict) or not isinstance(self.manifest.get("planned", {}), dict):
             raise InputError(f"{self.root / 'manifest.json'}: not a data set's manifest; run generate again")
         for name, digest in self.manifest.get("settings", {}).get("own_drones", {}).items():
             if name not in DRONES or DRONES[name].digest != digest:
-                raise InputError(f"{self.root} was made with another drone {name}: set {VARIABLE} to the folder it was made with")
+                raise InputError(
+                    f"{self.root} was made with another drone {name}: set {VARIABLE} to the folder it was made with"
+                )
         for name in drones or ():
             if name not in DRONES:
                 raise InputError(f"drone {name!r}: choose from {', '.join(DRONES)}")
         wanted = {DRONES[name].index + 1 for name in (drones or DRONES)}
         folders = bop.flight_folders(root, split)
-        planned = [s for s in subsequences() if s.split == split and f"{s.id:06d}" in self.manifest.get("planned", {})]
+        planned = [
+            s
+            for s in subsequences()
+            if s.split == split and f"{s.id:06d}" in self.manifest.get("planned", {})
+        ]
         if len(folders) < len(planned):
-            raise InputError(f"{self.root}: {len(folders)} of {len(planned)} {split} flights are there; run generate again, it resumes")
+            raise InputError(
+                f"{self.root}: {len(folders)} of {len(planned)} {split} flights are there; run generate again, it resumes"
+            )
         self.frames, self.folders, self.digests = [], [], []
         for folder in folders:
             frames, flight = bop.read_flight(folder)
@@ -116,7 +137,9 @@ class SixDroneSyn(torch.utils.data.Dataset):
             self.folders += [folder] * len(kept)
             self.digests += [flight.get("digests", {}).get(str(f.number), [None])[0] for f in kept]
         if not self.frames:
-            raise InputError(f"{self.root}: no {split} frames; its scenes are not in this data set, or generate has not finished")
+            raise InputError(
+                f"{self.root}: no {split} frames; its scenes are not in this data set, or generate has not finished"
+            )
 
     def __len__(self):
         return len(self.frames)
@@ -154,7 +177,10 @@ class SixDroneSyn(torch.utils.data.Dataset):
             crop = recolour(crop, self._generator(index, 1))
         if self.degrade and (rng := self._generator(index, 2)).random() < 0.5:
             crop = degrade(crop, rng)
-        return {"image": torch.from_numpy(crop).permute(2, 0, 1).float() / 255, **self.annotation(index, square)}
+        return {
+            "image": torch.from_numpy(crop).permute(2, 0, 1).float() / 255,
+            **self.annotation(index, square),
+        }
 
     def annotations(self):
         """Everything but the images, stacked: what `__getitem__` gives, with the number of frames in front."""

@@ -1,7 +1,7 @@
 """The seven drones in numbers (Sec. IV): sizes, weights, colours and the four propeller hubs.
 
 Metres, body frame: x forward, y left, z up. The origin is the drone's centre: half its height above the ground it stands on, and midway
-between the front and the rear hubs (Mini 2: the origin of its maker's model, 1.6 mm behind that). Hubs come in keypoint order: 
+between the front and the rear hubs (Mini 2: the origin of its maker's model, 1.6 mm behind that). Hubs come in keypoint order:
 front-left, front-right, rear-right, rear-left.
 
 How the hubs were chosen. The wheelbase (front-left to rear-right) and the propellers come first: two propellers must not meet, so their
@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from . import own
+from dronekeypp.sixdronesyn import own
 
 KEYPOINT_NAMES = ("front-left", "front-right", "rear-right", "rear-left")
 
@@ -127,4 +127,6 @@ _LIST = (
 )  # fmt: skip
 
 SEVEN = tuple(drone.name for drone in _LIST)
-DRONES: dict[str, Drone] = {drone.name: drone for drone in (*_LIST, *(Drone(**fields) for fields in own.read(SEVEN)))}
+DRONES: dict[str, Drone] = {
+    drone.name: drone for drone in (*_LIST, *(Drone(**fields) for fields in own.read(SEVEN)))
+}

@@ -21,18 +21,28 @@ from filelock import FileLock
 from scipy.spatial import ConvexHull
 from tqdm import tqdm
 
-from .. import __version__
-from ..camera import clamp_square, project, square_around
-from ..errors import InputError
-from ..files import digest
-from . import bop, scenes
-from .cache import environment_files
-from .drones import DRONES
-from .meshes import drone_mesh
-from .panorama import load_panorama
-from .render import DroneRenderer, SelfOcclusion, check_opengl, directions, draw_crop, draw_frame, window_around
+from dronekeypp import __version__
+from dronekeypp.camera import clamp_square, project, square_around
+from dronekeypp.environments.cache import environment_files
+from dronekeypp.errors import InputError
+from dronekeypp.files import digest
+from dronekeypp.sixdronesyn import bop, scenes
+from dronekeypp.sixdronesyn.drones import DRONES
+from dronekeypp.sixdronesyn.meshes import drone_mesh
+from dronekeypp.sixdronesyn.panorama import load_panorama
+from dronekeypp.sixdronesyn.render import (
+    DroneRenderer,
+    SelfOcclusion,
+    check_opengl,
+    directions,
+    draw_crop,
+    draw_frame,
+    window_around,
+)
 
-STORED_MARGIN = 1.5  # a stored crop is 1.5 times the box's longer side: room to jitter a training crop of 1.15 to 1.3
+STORED_MARGIN = (
+    1.5  # a stored crop is 1.5 times the box's longer side: room to jitter a training crop of 1.15 to 1.3
+)
 KINDS = ("crop", "full")  # of frames
 QUALITY = 85  # JPEG
 
@@ -52,7 +62,9 @@ class Flight:
         self.path = scenes.fly(subsequence, seed)
         self.environment, self.turn = scenes.background(subsequence, len(environments), seed)
         self.environment_file = Path(environments[self.environment])
-        self.blur = subsequence.generator(seed, "exposure").uniform(0.3, 1.6)  # radians a blade turns while the shutter is open
+        self.blur = subsequence.generator(seed, "exposure").uniform(
+            0.3, 1.6
+        )  # radians a blade turns while the shutter is open
         self.outline = _outline(subsequence.drone)
         self.occlusion = _occlusion(subsequence.drone)
 
@@ -104,7 +116,9 @@ class Flight:
     def picture(self, frame):
         """The stored image of an annotated frame: (size, size, 3) crop or (1080, 1920, 3) whole, uint8 RGB."""
         rng = self.subsequence.generator(self.settings["seed"], "propellers", frame.number)
-        view = dict(R=frame.R, t=frame.t, K=frame.K, light=self.light, phases=rng.uniform(0, np.pi, 4), blur=self.blur)
+        view = dict(
+            R=frame.R, t=frame.t, K=frame.K, light=self.light, phases=rng.uniform(0, np.pi, 4), blur=self.blur
+        )
         if self.settings["frames"] == "crop":
             size, window = self.settings["size"], window_around(frame.square, scenes.WIDTH, scenes.HEIGHT)
             x, y, side = window[0] - self.origin[0], window[1] - self.origin[1], window[2]
@@ -206,7 +220,9 @@ def _read_log(log, partial):
 
 
 def _work(root, subsequence, settings, environments, stride, threads):
-    os.environ.setdefault("LP_NUM_THREADS", str(threads))  # Mesa's software rasteriser would take every core in every worker
+    os.environ.setdefault(
+        "LP_NUM_THREADS", str(threads)
+    )  # Mesa's software rasteriser would take every core in every worker
     cv2.setNumThreads(threads)
     return subsequence, render_flight(root, subsequence, settings, environments, stride)
 
@@ -299,7 +315,9 @@ def _start_manifest(root, settings, plan):
                 )
         planned = old["planned"] | planned
     elif any(not p.name.startswith(".") for p in root.iterdir()):
-        raise InputError(f"{root}: the folder is not empty and holds no manifest.json; choose an empty or new folder")
+        raise InputError(
+            f"{root}: the folder is not empty and holds no manifest.json; choose an empty or new folder"
+        )
     now = {
         "python": platform.python_version(),
         "numpy": np.__version__,
@@ -310,7 +328,16 @@ def _start_manifest(root, settings, plan):
     }
     versions = old["versions"] if old else []  # a resumed data set may have been rendered by several
     versions += [now] * (now not in versions)
-    bop.write_json(path, {"name": "6DroneSyn", "settings": settings, "versions": versions, "planned": dict(sorted(planned.items()))}, indent=1)
+    bop.write_json(
+        path,
+        {
+            "name": "6DroneSyn",
+            "settings": settings,
+            "versions": versions,
+            "planned": dict(sorted(planned.items())),
+        },
+        indent=1,
+    )
 
 
 def _short(value):
@@ -327,10 +354,20 @@ def finish(root):
 
 def totals(planned, flights):
     """What the manifest says of the whole data set, from the plan {flight: frames} and {flight: {"split", "digests"}}."""
-    counts = {split: sum(len(f["digests"]) for f in flights.values() if f["split"] == split) for split in scenes.SPLITS}
+    counts = {
+        split: sum(len(f["digests"]) for f in flights.values() if f["split"] == split)
+        for split in scenes.SPLITS
+    }
     result = {"planned_frames": sum(planned.values()), "frames": counts}
-    for key, part in (("digest", 0), ("annotation_digest", 1)):  # pixels may differ between renderers; annotations never do
-        rows = [[name, number, pair[part]] for name, f in sorted(flights.items()) for number, pair in f["digests"].items()]
+    for key, part in (
+        ("digest", 0),
+        ("annotation_digest", 1),
+    ):  # pixels may differ between renderers; annotations never do
+        rows = [
+            [name, number, pair[part]]
+            for name, f in sorted(flights.items())
+            for number, pair in f["digests"].items()
+        ]
         result[key] = annotation_digest(rows)
     return result
 
@@ -340,7 +377,10 @@ def _finish(root):
     flights = {}
     for split in scenes.SPLITS:
         for folder in bop.flight_folders(root, split):
-            flights[folder.name] = {"split": split, "digests": bop.read_json(folder / "flight.json")["digests"]}
+            flights[folder.name] = {
+                "split": split,
+                "digests": bop.read_json(folder / "flight.json")["digests"],
+            }
     manifest |= totals(manifest["planned"], flights)
     manifest["flights"] = dict(sorted(flights.items()))
     models = root / "models"

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
-from ..files import digest, read_json
+from dronekeypp.errors import InputError
+from dronekeypp.files import digest, read_json
 
 VARIABLE = "DRONEKEYPP_DRONES"
 MOST = 3  # a flight's folder number has one digit for the drone, and seven are taken
@@ -72,13 +72,24 @@ def one(path: Path) -> dict[str, Any]:
     try:
         hubs = np.array(given["hubs"], dtype=float)
         diameter, mass, motor = (float(given[key]) for key in ("propeller_diameter", "mass", "motor_radius"))
-        colours = {key: tuple(int(v) for v in given[key]) for key in ("hull_rgb", "trim_rgb", "propeller_rgb", "tip_rgb")}
+        colours = {
+            key: tuple(int(v) for v in given[key])
+            for key in ("hull_rgb", "trim_rgb", "propeller_rgb", "tip_rgb")
+        }
         body = tuple(float(v) for v in given.get("body_mm") or 1000 * np.ptp(hubs, axis=0) + 20)
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{path}: {error}") from None
     check_hubs(path, hubs)
-    if not (0.01 < diameter < 1 and 0.01 < mass < 50 and 0 < motor < diameter and len(body) == 3 and all(1 < v < 5000 for v in body)):
-        raise InputError(f"{path}: propeller_diameter and motor_radius in metres, mass in kg, body_mm three lengths in millimetres")
+    if not (
+        0.01 < diameter < 1
+        and 0.01 < mass < 50
+        and 0 < motor < diameter
+        and len(body) == 3
+        and all(1 < v < 5000 for v in body)
+    ):
+        raise InputError(
+            f"{path}: propeller_diameter and motor_radius in metres, mass in kg, body_mm three lengths in millimetres"
+        )
     if any(len(c) != 3 or not all(0 <= v <= 255 for v in c) for c in colours.values()):
         raise InputError(f"{path}: a colour is three numbers, 0 to 255")
     hubs.setflags(write=False)
@@ -97,4 +108,6 @@ def check_hubs(path: Path, hubs: np.ndarray) -> None:
         raise InputError(f"{path}: a hub {np.abs(hubs).max():g} m from the middle: hubs are in metres")
     x, y = hubs[:, 0], hubs[:, 1]
     if not (min(x[0], x[1]) > max(x[2], x[3]) and min(y[0], y[3]) > max(y[1], y[2])):
-        raise InputError(f"{path}: hubs in the order front-left, front-right, rear-right, rear-left, with x forward and y to the left")
+        raise InputError(
+            f"{path}: hubs in the order front-left, front-right, rear-right, rear-left, with x forward and y to the left"
+        )

@@ -48,7 +48,9 @@ class Panorama:
     def __init__(self, image: np.ndarray):
         image = np.asarray(image)
         if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
-            raise InputError(f"a panorama must be a (H, 2H, 3) uint8 RGB array, got {image.dtype} {image.shape}; convert it first")
+            raise InputError(
+                f"a panorama must be a (H, 2H, 3) uint8 RGB array, got {image.dtype} {image.shape}; convert it first"
+            )
         if image.shape[0] < 8 or image.shape[1] != 2 * image.shape[0]:
             raise InputError(
                 f"a panorama must be twice as wide as high (equirectangular, 2:1), got {image.shape[1]}x{image.shape[0]}; "
@@ -68,14 +70,18 @@ class Panorama:
         """
         directions = np.asarray(directions, np.float32)
         if directions.shape[-1:] != (3,):
-            raise InputError(f"directions must end in 3 components, got shape {directions.shape}; pass (..., 3) vectors")
+            raise InputError(
+                f"directions must end in 3 components, got shape {directions.shape}; pass (..., 3) vectors"
+            )
         lead = directions.shape[:-1]
         flat = directions.reshape(-1, 3)
         if len(lead) == 2 and max(lead) < 32767:
             columns, rows = self._pixels(flat, turn)
             return self._remap(columns.reshape(lead), rows.reshape(lead))
         count = len(flat)
-        columns, rows = (np.resize(c, (-(-count // _LOOKUP_WIDTH), _LOOKUP_WIDTH)) for c in self._pixels(flat, turn))
+        columns, rows = (
+            np.resize(c, (-(-count // _LOOKUP_WIDTH), _LOOKUP_WIDTH)) for c in self._pixels(flat, turn)
+        )
         parts = [self._remap(columns[i : i + 8192], rows[i : i + 8192]) for i in range(0, len(columns), 8192)]
         return np.concatenate(parts).reshape(-1, 3)[:count].reshape(*lead, 3)
 
@@ -91,7 +97,9 @@ class Panorama:
         rows = elevation
         rows *= np.float32(-height / np.pi)
         rows += np.float32(0.5 * height - 0.5)
-        np.clip(rows, 1, height - 2, out=rows)  # at a pole: the cubic's neighbours must not wrap to the other one
+        np.clip(
+            rows, 1, height - 2, out=rows
+        )  # at a pole: the cubic's neighbours must not wrap to the other one
         return columns, rows
 
     def _remap(self, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
@@ -109,7 +117,12 @@ class Panorama:
         quarter = turn % 4
         cosine, sine = ((1, 0), (0, 1), (-1, 0), (0, -1))[quarter]
         x, y, z = base.direction
-        return SunLight(np.array([cosine * x - sine * y, sine * x + cosine * y, z]), base.sun_colour, base.sky_colour, base.ground_colour)
+        return SunLight(
+            np.array([cosine * x - sine * y, sine * x + cosine * y, z]),
+            base.sun_colour,
+            base.sky_colour,
+            base.ground_colour,
+        )
 
     @cached_property
     def _light(self) -> SunLight:
@@ -125,7 +138,11 @@ class Panorama:
         luminance = linear @ _LUMINANCE
         pad = 64
         wide = cv2.copyMakeBorder(luminance, 0, 0, pad, pad, cv2.BORDER_WRAP)
-        score = cv2.GaussianBlur(wide, (0, 0), 1.2) + 0.5 * cv2.GaussianBlur(wide, (0, 0), 3) + 0.3 * cv2.GaussianBlur(wide, (0, 0), 8)
+        score = (
+            cv2.GaussianBlur(wide, (0, 0), 1.2)
+            + 0.5 * cv2.GaussianBlur(wide, (0, 0), 3)
+            + 0.3 * cv2.GaussianBlur(wide, (0, 0), 8)
+        )
         score, luminance = score[:half, pad:-pad], luminance[:half]
         up, weight = directions[:half], area[:half]
         order = np.argsort(score, axis=None)[::-1]
@@ -144,11 +161,15 @@ class Panorama:
         around = float(np.average(luminance[ring], weights=weight[ring])) if ring.any() else 1.0
         contrast = np.clip((float(luminance.ravel()[bright].mean()) - around) / 0.5, 0, 1)
         blueness = 1 - float(sky_colour[0] / max(sky_colour[2], 1e-6))
-        contrast *= np.clip(0.35 + 3 * blueness, 0, 1)  # a grey sky is a covered one, however bright its brightest patch
+        contrast *= np.clip(
+            0.35 + 3 * blueness, 0, 1
+        )  # a grey sky is a covered one, however bright its brightest patch
         air = 1 / (direction[2] + 0.05)  # air mass, roughly
         reddening = np.exp(-np.array([0.06, 0.12, 0.25]) * air * 0.6)
         tint = reddening / (reddening @ _LUMINANCE)
-        strength = 2.4 * contrast * float(sky_colour @ _LUMINANCE) * np.clip(0.35 + 1.6 * direction[2], 0.35, 1.0)
+        strength = (
+            2.4 * contrast * float(sky_colour @ _LUMINANCE) * np.clip(0.35 + 1.6 * direction[2], 0.35, 1.0)
+        )
         return SunLight(direction.astype(np.float64), strength * tint, sky_colour, ground_colour)
 
 
@@ -168,7 +189,9 @@ def load_panorama(path: str | Path) -> Panorama:
         except cv2.error:  # some broken headers raise instead of giving None
             image = None
     if image is None:
-        raise InputError(f"{path}: not a readable image; replace the file, or remove it from the environments folder")
+        raise InputError(
+            f"{path}: not a readable image; replace the file, or remove it from the environments folder"
+        )
     try:
         return Panorama(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
     except InputError as error:

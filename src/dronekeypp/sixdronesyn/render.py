@@ -14,9 +14,9 @@ import pyvista as pv
 import vtk
 from vtk.util.numpy_support import vtk_to_numpy
 
-from ..camera import crop_image
-from ..errors import InputError
-from .meshes import drone_mesh
+from dronekeypp.camera import crop_image
+from dronekeypp.errors import InputError
+from dronekeypp.sixdronesyn.meshes import drone_mesh
 
 # VTK's view coordinates have y up and z towards the viewer; OpenCV's camera axes have y down and z forward.
 _VIEW_FROM_CAMERA = np.diag([1.0, -1.0, -1.0])
@@ -88,9 +88,13 @@ class DroneRenderer:
         self._plotter = pv.Plotter(off_screen=True, window_size=(resolution, resolution), lighting="none")
         self._window, renderer = self._plotter.render_window, self._plotter.renderer
         renderer.AddLight(vtk.vtkLight())  # unused by our shader, but without one VTK computes no normals
-        self._window.SetMultiSamples(0)  # drawn twice as fine and averaged instead: cheaper, and the same everywhere
+        self._window.SetMultiSamples(
+            0
+        )  # drawn twice as fine and averaged instead: cheaper, and the same everywhere
         self._window.SetAlphaBitPlanes(1)
-        renderer.SetUseOIT(False)  # plain blending: the four discs never cover each other much, and alpha stays exact
+        renderer.SetUseOIT(
+            False
+        )  # plain blending: the four discs never cover each other much, and alpha stays exact
         renderer.SetBackground(0, 0, 0)
         renderer.SetBackgroundAlpha(0.0)
         for actor in (self._body, self._discs):
@@ -122,9 +126,16 @@ class DroneRenderer:
         for actor, gloss in ((self._body, 0.35), (self._discs, 0.15)):
             actor.SetUserMatrix(matrix)
             uniforms = actor.GetShaderProperty().GetFragmentCustomUniforms()
-            for key, vector in (("sunVC", _VIEW_FROM_CAMERA @ light["sun"]), ("upVC", _VIEW_FROM_CAMERA @ light["up"])):
+            for key, vector in (
+                ("sunVC", _VIEW_FROM_CAMERA @ light["sun"]),
+                ("upVC", _VIEW_FROM_CAMERA @ light["up"]),
+            ):
                 uniforms.SetUniform3f(key, vector.tolist())
-            for key, colour in (("sunColour", "sun_colour"), ("skyColour", "sky_colour"), ("groundColour", "ground_colour")):
+            for key, colour in (
+                ("sunColour", "sun_colour"),
+                ("skyColour", "sky_colour"),
+                ("groundColour", "ground_colour"),
+            ):
                 uniforms.SetUniform3f(key, np.asarray(light[colour], dtype=float).tolist())
             uniforms.SetUniformf("gloss", gloss)
         x, y, side = (float(v) for v in square)
@@ -156,7 +167,11 @@ class SelfOcclusion:
         for hub in hubs:
             way = eye - hub
             start = hub + way / np.linalg.norm(way) * self.mesh.hub_clearance  # leaves its own motor cap out
-            seen.append(not self._locator.IntersectWithLine(start, eye, 1e-9, vtk.reference(0.0), [0.0] * 3, [0.0] * 3, vtk.reference(0)))
+            seen.append(
+                not self._locator.IntersectWithLine(
+                    start, eye, 1e-9, vtk.reference(0.0), [0.0] * 3, [0.0] * 3, vtk.reference(0)
+                )
+            )
         return np.array(seen)
 
 
@@ -175,7 +190,9 @@ def directions(K, camera_R, x0, y0, x1, y1):
 
 def window_around(square, width, height):
     """The whole pixels (x, y, side) of a `width` × `height` frame that hold `square` and the pixels next to it."""
-    side = int(min(np.ceil(square[2]) + 3, width, height))  # and a pixel on each side, which interpolation at the edge reads
+    side = int(
+        min(np.ceil(square[2]) + 3, width, height)
+    )  # and a pixel on each side, which interpolation at the edge reads
     corner = np.floor(square[:2]).astype(int) - 1
     return int(np.clip(corner[0], 0, width - side)), int(np.clip(corner[1], 0, height - side)), side
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import BSpline
 
-from ..camera import intrinsics
-from .drones import DRONES, SEVEN
+from dronekeypp.camera import intrinsics
+from dronekeypp.sixdronesyn.drones import DRONES, SEVEN
 
 FPS = 30
 SUBSEQUENCES = 3  # backgrounds a scene and drone
@@ -72,7 +72,9 @@ class Subsequence:
 
     def generator(self, seed, purpose, frame=0):
         """A random generator of its own for one purpose (a key of `PURPOSES`), of this flight or of one frame of it."""
-        return np.random.default_rng([seed, self.scene, DRONES[self.drone].index, self.take, frame, PURPOSES.index(purpose)])
+        return np.random.default_rng(
+            [seed, self.scene, DRONES[self.drone].index, self.take, frame, PURPOSES.index(purpose)]
+        )
 
 
 def subsequences(scenes=None, drones=None):
@@ -115,7 +117,9 @@ def background(subsequence, environments, seed=0):
     pool = [(e, turn) for e in split_environments(environments)[subsequence.split] for turn in range(4)]
     family = [drone for drone in DRONES if (drone in SEVEN) == (subsequence.drone in SEVEN)]
     order = [s for s in subsequences(drones=family) if s.split == subsequence.split].index(subsequence)
-    shuffled = np.random.default_rng([seed, SPLITS.index(subsequence.split), order // len(pool), 88]).permutation(len(pool))
+    shuffled = np.random.default_rng(
+        [seed, SPLITS.index(subsequence.split), order // len(pool), 88]
+    ).permutation(len(pool))
     return pool[shuffled[order % len(pool)]]
 
 
@@ -143,7 +147,9 @@ def camera(subsequence, seed=0):
     rng = subsequence.generator(seed, "camera")
     tilt, roll = np.radians([rng.uniform(-25, 40), rng.uniform(-2, 2)])
     height = rng.uniform(2, 3) if tilt > 0 else rng.uniform(4, 8)
-    forward = np.array([np.cos(tilt), 0, np.sin(tilt)])  # towards world +x; the background's turn brings the variety
+    forward = np.array(
+        [np.cos(tilt), 0, np.sin(tilt)]
+    )  # towards world +x; the background's turn brings the variety
     left = np.array([0, np.cos(roll), np.sin(roll)])
     left -= (left @ forward) * forward
     left /= np.linalg.norm(left)

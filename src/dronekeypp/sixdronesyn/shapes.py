@@ -41,7 +41,11 @@ def _part(points: np.ndarray, faces: np.ndarray, rgb: RGB, gloss: float, crease:
     if np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) < 0:
         faces = faces[:, ::-1]
     mesh = as_polydata(points, faces).compute_normals(
-        cell_normals=False, split_vertices=True, feature_angle=crease, consistent_normals=False, auto_orient_normals=False
+        cell_normals=False,
+        split_vertices=True,
+        feature_angle=crease,
+        consistent_normals=False,
+        auto_orient_normals=False,
     )
     count = mesh.n_points
     return Part(
@@ -62,7 +66,10 @@ def _tube(rings: np.ndarray, rgb: RGB, gloss: float, crease: float = 38.0) -> Pa
     faces = []
     for ring in range(count - 1):
         a, b = ring * around, (ring + 1) * around
-        faces += [np.stack([a + k, b + k, b + following], 1), np.stack([a + k, b + following, a + following], 1)]
+        faces += [
+            np.stack([a + k, b + k, b + following], 1),
+            np.stack([a + k, b + following, a + following], 1),
+        ]
     last = (count - 1) * around
     faces.append(np.stack([np.full(around, count * around), k, following], 1))
     faces.append(np.stack([np.full(around, count * around + 1), last + following, last + k], 1))
@@ -77,7 +84,9 @@ def _oval(around: int, exponent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.sign(a) * np.abs(a) ** (2 / exponent), np.sign(b) * np.abs(b) ** (2 / exponent)
 
 
-def hull(stations: Sequence[Sequence[float]], rgb: RGB, rings: int = 22, around: int = 24, gloss: float = 0.25) -> Part:
+def hull(
+    stations: Sequence[Sequence[float]], rgb: RGB, rings: int = 22, around: int = 24, gloss: float = 0.25
+) -> Part:
     """A fuselage lofted along x.
 
     Each station is (x, half width, z bottom, z widest, z top, exponent bottom, exponent top); between stations every number follows a
@@ -117,7 +126,11 @@ def beam(
     side /= np.linalg.norm(side, axis=1, keepdims=True)
     lift = np.cross(tangent, side)
     a, b = _oval(around, np.full((along, 1), exponent))
-    rings = centre[:, None] + half[:, :1, None] * a[..., None] * side[:, None] + half[:, 1:, None] * b[..., None] * lift[:, None]
+    rings = (
+        centre[:, None]
+        + half[:, :1, None] * a[..., None] * side[:, None]
+        + half[:, 1:, None] * b[..., None] * lift[:, None]
+    )
 
     def cap(index: int, way: float) -> np.ndarray:
         # one smaller ring beyond the end makes the tip look moulded, not sawn
@@ -247,7 +260,9 @@ def painted(part: Part, rgb: RGB, gloss: float | None = None, **bounds: tuple[fl
     )
 
 
-def on_surface(part: Part, start: Sequence[float], direction: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+def on_surface(
+    part: Part, start: Sequence[float], direction: Sequence[float]
+) -> tuple[np.ndarray, np.ndarray]:
     """Where a ray from inside the part leaves it, and the surface's normal there: to set an eye or a light flush."""
     start, direction = np.asarray(start, float), np.asarray(direction, float) / np.linalg.norm(direction)
     a, b, c = (part.points[part.faces[:, k]] for k in range(3))
@@ -260,7 +275,9 @@ def on_surface(part: Part, start: Sequence[float], direction: Sequence[float]) -
     second_cross = np.cross(offset, u)
     second = second_cross @ direction / size
     distance = np.where(
-        (first >= -1e-9) & (second >= -1e-9) & (first + second <= 1 + 1e-9), np.einsum("ij,ij->i", v, second_cross) / size, -np.inf
+        (first >= -1e-9) & (second >= -1e-9) & (first + second <= 1 + 1e-9),
+        np.einsum("ij,ij->i", v, second_cross) / size,
+        -np.inf,
     )
     face = int(distance.argmax())
     normal = np.cross(u[face], v[face])
@@ -272,7 +289,10 @@ def merge(parts: Sequence[Part]) -> pv.PolyData:
     start = np.cumsum([0] + [len(part.points) for part in parts])
     faces = np.concatenate([part.faces + first for part, first in zip(parts, start[:-1], strict=True)])
     used, faces = np.unique(faces, return_inverse=True)
-    stacked = {key: np.concatenate([getattr(part, key) for part in parts])[used] for key in ("points", "normals", "rgb", "gloss")}
+    stacked = {
+        key: np.concatenate([getattr(part, key) for part in parts])[used]
+        for key in ("points", "normals", "rgb", "gloss")
+    }
     mesh = as_polydata((stacked["points"] / 1000.0).astype(np.float32), faces.reshape(-1, 3))
     mesh.point_data["Normals"] = stacked["normals"].astype(np.float32)
     mesh.point_data["rgb"] = stacked["rgb"]

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from ..camera import project
-from ..errors import InputError
-from . import bop, scenes
-from .dataset import read_image
-from .drones import DRONES
-from .generate import annotation_digest, totals
+from dronekeypp.camera import project
+from dronekeypp.errors import InputError
+from dronekeypp.sixdronesyn import bop, scenes
+from dronekeypp.sixdronesyn.dataset import read_image
+from dronekeypp.sixdronesyn.drones import DRONES
+from dronekeypp.sixdronesyn.generate import annotation_digest, totals
 
 
 def validate(root, progress=False):
@@ -30,7 +30,9 @@ def validate(root, progress=False):
     manifest = bop.read_json(root / "manifest.json")
     faults = []
     if not isinstance(manifest, dict) or not {"settings", "planned"} <= manifest.keys():
-        raise InputError(f"{root / 'manifest.json'}: holds no settings and plan; generate this data set again")
+        raise InputError(
+            f"{root / 'manifest.json'}: holds no settings and plan; generate this data set again"
+        )
     found = {split: {p.name: p for p in bop.flight_folders(root, split)} for split in scenes.SPLITS}
     faults += _check_splits(root, found, manifest)
     images, environments = defaultdict(list), defaultdict(set)
@@ -39,7 +41,9 @@ def validate(root, progress=False):
         faults += _check_flight(folder, manifest, manifest["planned"].get(name), split, images, environments)
     for image, places in images.items():
         if len({split for split, _ in places}) > 1:
-            faults.append(f"{places[0][1]}: the same image (digest {image}) is in two splits, also {places[1][1]}")
+            faults.append(
+                f"{places[0][1]}: the same image (digest {image}) is in two splits, also {places[1][1]}"
+            )
     if len(manifest["settings"]["environment_digests"]) >= 6:
         for a, b in (("train", "val"), ("train", "test"), ("val", "test")):
             for environment in sorted(environments[a] & environments[b]):
@@ -50,7 +54,9 @@ def validate(root, progress=False):
             try:
                 listed = len(bop.read_json(root / f"coco_{split}.json")["images"])
                 if listed != count:
-                    faults.append(f"{root / f'coco_{split}.json'}: lists {listed} images, the manifest {count}")
+                    faults.append(
+                        f"{root / f'coco_{split}.json'}: lists {listed} images, the manifest {count}"
+                    )
             except InputError as error:
                 faults.append(str(error))
     return faults
@@ -63,12 +69,18 @@ def _check_totals(root, folders, manifest):
     flights = {}
     for split, name, folder in folders:
         try:
-            flights[name] = {"split": split, "digests": dict(bop.read_json(folder / "flight.json")["digests"])}
+            flights[name] = {
+                "split": split,
+                "digests": dict(bop.read_json(folder / "flight.json")["digests"]),
+            }
         except (InputError, KeyError, TypeError, ValueError):
             return []  # named with the flight
     wrong = [key for key, value in totals(manifest["planned"], flights).items() if manifest.get(key) != value]
     wrong += ["flights"] * (manifest["flights"] != flights)
-    return [f"{root / 'manifest.json'}: its {key} is not what is on disk; run generate again to renew it" for key in wrong]
+    return [
+        f"{root / 'manifest.json'}: its {key} is not what is on disk; run generate again to renew it"
+        for key in wrong
+    ]
 
 
 def _check_splits(root, found, manifest):
@@ -77,13 +89,19 @@ def _check_splits(root, found, manifest):
     for name in manifest["planned"]:
         places = [split for split in scenes.SPLITS if name in found[split]]
         if not places:
-            faults.append(f"{root / home.get(name, '?') / name}: this flight is missing; run generate again, it resumes")
+            faults.append(
+                f"{root / home.get(name, '?') / name}: this flight is missing; run generate again, it resumes"
+            )
         elif len(places) > 1:
             faults.append(f"{root}: flight {name} is in two splits, {' and '.join(places)}")
         elif places != [home.get(name)]:
             faults.append(f"{root / places[0] / name}: belongs into {home.get(name)}")
     for group in found.values():
-        faults += [f"{folder}: not in the manifest's plan" for name, folder in group.items() if name not in manifest["planned"]]
+        faults += [
+            f"{folder}: not in the manifest's plan"
+            for name, folder in group.items()
+            if name not in manifest["planned"]
+        ]
     if (root / "manifest.json").exists() and "flights" not in manifest:
         faults.append(f"{root / 'manifest.json'}: generate has not finished; run it again, it resumes")
     return faults
@@ -105,7 +123,9 @@ def _check_flight(folder, manifest, planned, split, images, environments):
         faults.append(f"{files[0]}: its frames are not the {planned} planned ones, every {stride}. from 0")
     recorded = manifest.get("flights", {}).get(folder.name, {}).get("digests", digests)
     if recorded != digests:
-        faults.append(f"{folder / 'flight.json'}: its digests are not the manifest's; run generate again to renew the manifest")
+        faults.append(
+            f"{folder / 'flight.json'}: its digests are not the manifest's; run generate again to renew the manifest"
+        )
     environments[split].add(flight.get("environment"))
     for extra in sorted({p.name for p in (folder / "rgb").glob("*")} - {f"{n:06d}.jpg" for n in entries}):
         faults.append(f"{folder / 'rgb' / extra}: an image without an annotation")
@@ -115,7 +135,9 @@ def _check_flight(folder, manifest, planned, split, images, environments):
             continue
         pair = digests.get(str(n), ["", ""])
         if annotation_digest(entry) != pair[1]:
-            faults.append(f"{folder} frame {n}: the annotation is not the one that was generated (its digest differs)")
+            faults.append(
+                f"{folder} frame {n}: the annotation is not the one that was generated (its digest differs)"
+            )
         faults += _check_image(bop.image_path(folder, n), pair[0], manifest["settings"])
         images[pair[0]].append((split, bop.image_path(folder, n)))
         try:
@@ -159,6 +181,8 @@ def frame_faults(frame):
         faults.append("a keypoint lies outside bbox_obj")
     if frame.square is not None:
         corner = frame.square[:2]
-        if (corner < -0.01).any() or (corner + frame.square[2] > np.array([scenes.WIDTH, scenes.HEIGHT]) + 0.01).any():
+        if (corner < -0.01).any() or (
+            corner + frame.square[2] > np.array([scenes.WIDTH, scenes.HEIGHT]) + 0.01
+        ).any():
             faults.append("the crop reaches outside the frame")
     return faults

@@ -7,8 +7,8 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from .kinds import KINDS, Kind
-from .noise import fbm_tile
+from dronekeypp.environments.kinds import KINDS, Kind
+from dronekeypp.environments.noise import fbm_tile
 
 _DRAWN = 1280  # a model is drawn this many pixels high, and kept at half
 
@@ -53,7 +53,13 @@ class Model:
         normal = (form[..., :3] - 128) * (solid / 120)[..., None]
         if mirrored:
             normal[..., 0] *= -1
-        return normal, form[..., 3] * solid / 255, matter[..., 0] * solid / 255, matter[..., 1] * solid / 128, alpha
+        return (
+            normal,
+            form[..., 3] * solid / 255,
+            matter[..., 0] * solid / 255,
+            matter[..., 1] * solid / 128,
+            alpha,
+        )
 
 
 @lru_cache(maxsize=28)
@@ -76,7 +82,10 @@ def grow(name: str, variant: int) -> Model:
     table = np.concatenate(elements)
     table = np.concatenate([table, (np.arange(len(table)) > 0)[:, None]], 1)
     half = width // 2, size // 2
-    return Model(*(cv2.resize(np.take(t, owner, axis=0), half, interpolation=cv2.INTER_AREA) for t in _bytes(table)), kind)
+    return Model(
+        *(cv2.resize(np.take(t, owner, axis=0), half, interpolation=cv2.INTER_AREA) for t in _bytes(table)),
+        kind,
+    )
 
 
 def _bytes(layers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -106,13 +115,19 @@ def _clumps(kind: Kind, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarra
     around = rng.random(count) * 2 * np.pi
     # Foliage grows near the surface: the inside is dark.
     out = radius * np.power(rng.random(count), 0.35) * rng.uniform(0.72, 1.02, count)
-    lobes = 1 + 0.22 * np.sin(3 * around + rng.random() * 6) + 0.15 * np.sin(5 * level * np.pi + 2 * around + rng.random() * 6)
+    lobes = (
+        1
+        + 0.22 * np.sin(3 * around + rng.random() * 6)
+        + 0.15 * np.sin(5 * level * np.pi + 2 * around + rng.random() * 6)
+    )
     out = out * (lobes if kind.shape not in ("cone", "column") else 1)
     height = bottom + (top - bottom) * (0.05 + 0.9 * level)
     if kind.shape == "cone":
         height = height - 0.10 * out  # boughs droop
     centre = np.stack([out * np.cos(around), out * np.sin(around), height], -1)
-    return centre, kind.spread * rng.uniform(0.65, 1.35, count) * (0.45 + 0.75 * (1 - level) if kind.shape == "cone" else 1)
+    return centre, kind.spread * rng.uniform(0.65, 1.35, count) * (
+        0.45 + 0.75 * (1 - level) if kind.shape == "cone" else 1
+    )
 
 
 def _draw_leaves(owner, kind, elements, rng, size, width):
@@ -120,7 +135,9 @@ def _draw_leaves(owner, kind, elements, rng, size, width):
     pick = rng.choice(len(centre), kind.leaves, p=radius**2 / (radius**2).sum())
     direction = rng.normal(size=(kind.leaves, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    squash = {"cone": (1.25, 1.25, 0.45), "umbrella": (1.3, 1.3, 0.55), "flat": (1.7, 1.7, 0.38)}.get(kind.shape, (1.1, 1.1, 0.85))
+    squash = {"cone": (1.25, 1.25, 0.45), "umbrella": (1.3, 1.3, 0.55), "flat": (1.7, 1.7, 0.38)}.get(
+        kind.shape, (1.1, 1.1, 0.85)
+    )
     # Leaves sit on twigs, twigs in clumps: two scales of lumps, as in nature.
     twig = rng.integers(0, max(1, kind.leaves // 22), kind.leaves)
     pick, direction = pick[twig], direction[twig]
@@ -133,9 +150,13 @@ def _draw_leaves(owner, kind, elements, rng, size, width):
     normal = 0.75 * direction + 0.65 * crown / np.maximum(reach, 0.2) + 0.55 * rng.normal(size=place.shape)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     # How open to the sky: out and up in the crown, out and up in its clump.
-    openness = 0.10 + 0.55 * np.clip(reach[:, 0], 0, 1.15) ** 2 * (0.55 + 0.45 * np.clip(crown[:, 2] * 0.5 + 0.5, 0, 1))
+    openness = 0.10 + 0.55 * np.clip(reach[:, 0], 0, 1.15) ** 2 * (
+        0.55 + 0.45 * np.clip(crown[:, 2] * 0.5 + 0.5, 0, 1)
+    )
     openness = np.clip(openness + 0.28 * direction[:, 2] + 0.08 * rng.normal(size=kind.leaves), 0.03, 1)
-    tone = np.clip(1 + 0.14 * rng.normal(size=kind.leaves) + 0.10 * rng.normal(size=kind.leaves)[twig], 0.5, 1.6)
+    tone = np.clip(
+        1 + 0.14 * rng.normal(size=kind.leaves) + 0.10 * rng.normal(size=kind.leaves)[twig], 0.5, 1.6
+    )
     order = np.argsort(place[:, 1])  # far ones first
     u = width / 2 + place[order, 0] * size
     v = size - 1 - place[order, 2] * size * 0.93
@@ -185,7 +206,9 @@ def _limbs(kind: Kind, rng: np.random.Generator) -> list[tuple[np.ndarray, np.nd
     if straight:
         return limbs
     depth = 7 if kind.twigs > 500 else 4
-    reach = (kind.crown[1] - kind.crown[0]) * (0.30 if depth == 7 else 0.33 * kind.width if kind.shape != "flat" else 0.4)
+    reach = (kind.crown[1] - kind.crown[0]) * (
+        0.30 if depth == 7 else 0.33 * kind.width if kind.shape != "flat" else 0.4
+    )
 
     def branch(at: np.ndarray, angle: float, length: float, width: float, left: int) -> None:
         bend = angle + rng.normal() * 0.12
@@ -197,12 +220,22 @@ def _limbs(kind: Kind, rng: np.random.Generator) -> list[tuple[np.ndarray, np.nd
             return
         for _ in range(2 if left > 1 else 3):
             side = rng.uniform(0.2, 0.75) * rng.choice([-1, 1])
-            branch(end if rng.random() < 0.7 else mid, (bend + side) * 0.93, length * rng.uniform(0.66, 0.86), width * 0.64, left - 1)
+            branch(
+                end if rng.random() < 0.7 else mid,
+                (bend + side) * 0.93,
+                length * rng.uniform(0.66, 0.86),
+                width * 0.64,
+                left - 1,
+            )
 
     for start in np.linspace(-0.75, 0.75, 4 if depth == 7 else 5):
         wide = 1.5 if kind.shape == "flat" else 1.0
         branch(
-            here - [0, rng.uniform(0, 0.12)], (start + rng.normal() * 0.1) * wide, reach * rng.uniform(0.75, 1.05), thick * 0.6, depth - 1
+            here - [0, rng.uniform(0, 0.12)],
+            (start + rng.normal() * 0.1) * wide,
+            reach * rng.uniform(0.75, 1.05),
+            thick * 0.6,
+            depth - 1,
         )
     return limbs
 
@@ -215,7 +248,9 @@ def _draw_limbs(owner, limbs, kind, elements, rng, size, width):
     strips = 9
     across = np.linspace(-0.95, 0.95, strips)
     normal = np.stack([across, np.sqrt(1 - across**2), np.full(strips, 0.15)], -1)
-    table = np.concatenate([normal, np.full((strips, 1), 0.6), np.zeros((strips, 1)), np.ones((strips, 1))], 1)
+    table = np.concatenate(
+        [normal, np.full((strips, 1), 0.6), np.zeros((strips, 1)), np.ones((strips, 1))], 1
+    )
     rough = [table]
     for tone in (0.75, 1.3):
         other = table.copy()
@@ -224,7 +259,10 @@ def _draw_limbs(owner, limbs, kind, elements, rng, size, width):
     elements.append(np.concatenate(rough).astype(np.float32))
     for a, b, start, end in limbs:
         if max(start, end) * size < 2.2:
-            p, q = ((width / 2 + a[0] * size, size - 1 - a[1] * size), (width / 2 + b[0] * size, size - 1 - b[1] * size))
+            p, q = (
+                (width / 2 + a[0] * size, size - 1 - a[1] * size),
+                (width / 2 + b[0] * size, size - 1 - b[1] * size),
+            )
             thickness = max(1, round(start * size))
             which = first + int(rng.integers(0, strips)) + strips * int(rng.integers(0, 3))
             cv2.line(owner, (int(p[0]), int(p[1])), (int(q[0]), int(q[1])), int(which), thickness)
@@ -233,8 +271,15 @@ def _draw_limbs(owner, limbs, kind, elements, rng, size, width):
         side = np.array([along[1], -along[0]])
         for i in range(strips):
             lo, hi = -1 + 2 * i / strips, -1 + 2 * (i + 1) / strips
-            corners = [a + side * start / 2 * lo, a + side * start / 2 * hi, b + side * end / 2 * hi, b + side * end / 2 * lo]
-            polygon = np.array([[(width / 2 + c[0] * size) * 16, (size - 1 - c[1] * size) * 16] for c in corners], np.int32)
+            corners = [
+                a + side * start / 2 * lo,
+                a + side * start / 2 * hi,
+                b + side * end / 2 * hi,
+                b + side * end / 2 * lo,
+            ]
+            polygon = np.array(
+                [[(width / 2 + c[0] * size) * 16, (size - 1 - c[1] * size) * 16] for c in corners], np.int32
+            )
             cv2.fillConvexPoly(owner, polygon, int(first + i + strips * rng.integers(0, 3)), cv2.LINE_8, 4)
 
 
@@ -250,8 +295,12 @@ def _draw_blades(owner, kind, elements, rng, size, width):
             lean = rng.normal() * 0.35 + root[0] * 0.8
             tall = rng.uniform(0.35, 0.98)
             t = np.linspace(0, 1, 8)[:, None]
-            line = root + np.concatenate([lean * tall * (0.4 * t + 0.9 * t**2), tall * (t - 0.12 * abs(lean) * t**2)], 1)
-            table.append([rng.normal() * 0.6, 0.6, 0.5, 0.35 + 0.6 * tall * rng.random(), 1, rng.uniform(0.7, 1.35)])
+            line = root + np.concatenate(
+                [lean * tall * (0.4 * t + 0.9 * t**2), tall * (t - 0.12 * abs(lean) * t**2)], 1
+            )
+            table.append(
+                [rng.normal() * 0.6, 0.6, 0.5, 0.35 + 0.6 * tall * rng.random(), 1, rng.uniform(0.7, 1.35)]
+            )
             _stroke(owner, line, 5.5, first + i, size, width)
             continue
         around = 2 * np.pi * (i + rng.random()) / count
@@ -267,7 +316,9 @@ def _draw_blades(owner, kind, elements, rng, size, width):
             at = np.array([np.interp(s, t[:, 0], rib[:, 0]), np.interp(s, t[:, 0], rib[:, 1])])
             for sign in (-1, 1):
                 long = 0.085 * np.sin(np.pi * min(0.98, 0.15 + 0.8 * s))
-                tip = at + long * np.array([np.sign(side) * 0.55 + 0.35 * sign * abs(np.sin(around)), -0.75 + 0.35 * sign])
+                tip = at + long * np.array(
+                    [np.sign(side) * 0.55 + 0.35 * sign * abs(np.sin(around)), -0.75 + 0.35 * sign]
+                )
                 _stroke(owner, np.stack([at, (at + tip) / 2 + [0, 0.004], tip]), 1.6, first + i, size, width)
     elements.append(np.array(table, np.float32))
 
@@ -292,7 +343,10 @@ def _rock(kind: Kind, rng: np.random.Generator, size: int = 480) -> np.ndarray:
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     openness = np.clip(0.45 + 0.4 * z + 0.06 * rough, 0.1, 1)
     tone = np.exp(0.14 * np.roll(rough, 91, 1))
-    layers = np.concatenate([normal, np.stack([openness, 0 * z, tone, np.ones_like(z)], -1)], -1) * alpha[..., None]
+    layers = (
+        np.concatenate([normal, np.stack([openness, 0 * z, tone, np.ones_like(z)], -1)], -1)
+        * alpha[..., None]
+    )
     return np.stack([cv2.GaussianBlur(layers[..., i], (0, 0), 0.7) for i in range(7)], -1)
 
 

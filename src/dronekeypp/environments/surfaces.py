@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .noise import blade_tile, cell_tile, fbm_tile, look_fading, smooth
+from dronekeypp.environments.noise import blade_tile, cell_tile, fbm_tile, look_fading, smooth
 
 
 @dataclass
@@ -41,7 +41,9 @@ class Patch:
     def cells(self, period: float, cells: int = 60, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """(how far inside its stone, 0 mean; shade of the stone, 0 mean)."""
         inside, tone = cell_tile(1024, cells, seed)
-        return look_fading(inside, self.x, self.y, period, self.footprint), look_fading(tone, self.x, self.y, period, self.footprint)
+        return look_fading(inside, self.x, self.y, period, self.footprint), look_fading(
+            tone, self.x, self.y, period, self.footprint
+        )
 
     def lines(self, across: np.ndarray, pitch: float, width: float, offset: float = 0.0) -> np.ndarray:
         """Coverage 0..1 of lines every `pitch` metres, `width` wide, softened to the pixel's footprint."""
@@ -82,7 +84,10 @@ def autumn_grass(p):
     base = _grass(p, (0.058, 0.076, 0.019), (0.155, 0.13, 0.052), 1.0, 0.5)
     border, tone = p.cells(2.3, 60, 5)
     leaf = smooth(0.5, 0.75, border) * smooth(-0.3, 0.9, p.noise(17, 1.3, 6) + 0.35 * tone)
-    fallen = _mix((0.30, 0.14, 0.03), (0.42, 0.27, 0.06), smooth(-1, 1, tone)) * np.exp(0.25 * p.noise(1.9, 0.8, 7))[..., None]
+    fallen = (
+        _mix((0.30, 0.14, 0.03), (0.42, 0.27, 0.06), smooth(-1, 1, tone))
+        * np.exp(0.25 * p.noise(1.9, 0.8, 7))[..., None]
+    )
     return _mix(base, 0, leaf * 0.85) + fallen * (leaf * 0.85)[..., None]
 
 
@@ -94,7 +99,9 @@ def dry_grass(p):
 
 def soil(p):
     lump = p.bump(1.7, 0.02, 1.1, 10) * 1.1 + p.bump(7.0, 0.08, 1.2, 11)
-    tone = np.exp(0.27 * np.clip(lump, -1.6, 1.6) + 0.12 * p.noise(13, 1.4, 12) + 0.12 * p.noise(0.9, 0.6, 13))
+    tone = np.exp(
+        0.27 * np.clip(lump, -1.6, 1.6) + 0.12 * p.noise(13, 1.4, 12) + 0.12 * p.noise(0.9, 0.6, 13)
+    )
     return np.array([0.17, 0.122, 0.080], np.float32) * tone[..., None]
 
 
@@ -103,7 +110,12 @@ def desert(p):
     fade = np.clip(1 - p.footprint[:, None] / 0.05, 0, 1)
     wave = np.sin(ripple * (2 * np.pi / 0.16)) * fade * (0.55 + 0.45 * p.noise(4.4, 1.4, 16))
     grain = p.noise(0.7, 0.4, 17)
-    tone = np.exp(0.10 * wave + 0.05 * grain + 0.10 * p.noise(37, 1.6, 18) + 0.3 * np.clip(p.bump(12, 0.15, 1.8, 19), -1, 1))
+    tone = np.exp(
+        0.10 * wave
+        + 0.05 * grain
+        + 0.10 * p.noise(37, 1.6, 18)
+        + 0.3 * np.clip(p.bump(12, 0.15, 1.8, 19), -1, 1)
+    )
     border, shade = p.cells(6.1, 60, 9)
     stone = smooth(0.85, 1.1, border) * smooth(0.9, 1.3, shade) * smooth(0.3, 1.0, p.noise(21, 1.2, 20))
     colour = np.array([0.34, 0.235, 0.145], np.float32) * tone[..., None]
@@ -111,13 +123,17 @@ def desert(p):
 
 
 def sand(p):
-    dimple = np.clip(p.bump(2.6, 0.05, 1.25, 21), -1.5, 1.5) + 0.8 * np.clip(p.bump(0.9, 0.02, 1.2, 22), -1.5, 1.5)
+    dimple = np.clip(p.bump(2.6, 0.05, 1.25, 21), -1.5, 1.5) + 0.8 * np.clip(
+        p.bump(0.9, 0.02, 1.2, 22), -1.5, 1.5
+    )
     tone = np.exp(0.30 * dimple + 0.03 * p.noise(0.5, 0.3, 23) + 0.06 * p.noise(41, 1.6, 24))
     return np.array([0.36, 0.305, 0.235], np.float32) * tone[..., None]
 
 
 def snow(p):
-    drift = np.clip(p.bump(9, 0.12, 1.9, 25), -1.2, 1.2) + 0.5 * np.clip(p.bump(1.6, 0.02, 1.5, 26), -1.5, 1.5)
+    drift = np.clip(p.bump(9, 0.12, 1.9, 25), -1.2, 1.2) + 0.5 * np.clip(
+        p.bump(1.6, 0.02, 1.5, 26), -1.5, 1.5
+    )
     across = p.x * 0.5 - p.y * 0.87 + 0.9 * p.noise(43, 2.0, 27)
     track = p.lines(across, 29.0, 0.32, 4.0) + p.lines(across, 29.0, 0.32, 5.6)
     steps = track * (0.6 + 0.4 * np.clip(p.noise(0.8, 0.9, 28), -1, 1))
@@ -128,7 +144,11 @@ def snow(p):
 
 
 def trodden_snow(p):
-    return _mix(snow(p) * 0.93, gravel(p), smooth(0.1, 1.6, p.noise(5.3, 1.3, 58) + 0.5 * p.noise(0.8, 0.9, 59)) * 0.75)
+    return _mix(
+        snow(p) * 0.93,
+        gravel(p),
+        smooth(0.1, 1.6, p.noise(5.3, 1.3, 58) + 0.5 * p.noise(0.8, 0.9, 59)) * 0.75,
+    )
 
 
 def asphalt(p):
@@ -167,20 +187,30 @@ def brick_paving(p):
 
 
 def _slabs(p: Patch, long: float, short: float, colour, variety: float) -> np.ndarray:
-    a, b = p.x * np.float32(0.96) + p.y * np.float32(0.28) + 0.21 * long, p.y * np.float32(0.96) - p.x * np.float32(0.28) + 0.43 * short
+    a, b = (
+        p.x * np.float32(0.96) + p.y * np.float32(0.28) + 0.21 * long,
+        p.y * np.float32(0.96) - p.x * np.float32(0.28) + 0.43 * short,
+    )
     course = np.floor(b / short)
     shifted = a + (course % 2) * long / 2
     joint = np.maximum(p.lines(b, short, 0.012), p.lines(shifted, long, 0.012))
     which = np.sin(np.floor(shifted / long) * 127.1 + course * 311.7) * 43758.5453
     shade = (which - np.floor(which) - 0.5) * np.clip(1.3 - 1.2 * p.footprint[:, None] / short, 0, 1)
     tone = np.exp(
-        2 * variety * shade + 0.06 * p.noise(0.9, 0.5, 41) + 0.10 * p.noise(12, 1.5, 42) - 0.14 * smooth(1, 2.4, p.noise(3.7, 1.3, 43))
+        2 * variety * shade
+        + 0.06 * p.noise(0.9, 0.5, 41)
+        + 0.10 * p.noise(12, 1.5, 42)
+        - 0.14 * smooth(1, 2.4, p.noise(3.7, 1.3, 43))
     )
     return np.asarray(colour, np.float32) * (tone * (1 - 0.5 * joint))[..., None]
 
 
 def concrete(p):
-    grain = 0.05 * p.noise(0.6, 0.4, 44) + 0.12 * p.noise(17, 1.6, 45) - 0.2 * smooth(0.9, 2.2, p.noise(5, 1.4, 46))
+    grain = (
+        0.05 * p.noise(0.6, 0.4, 44)
+        + 0.12 * p.noise(17, 1.6, 45)
+        - 0.2 * smooth(0.9, 2.2, p.noise(5, 1.4, 46))
+    )
     joint = np.maximum(p.lines(p.x, 5.0, 0.02, 1.7), p.lines(p.y, 5.0, 0.02, 2.2))
     return np.array([0.235, 0.23, 0.22], np.float32) * (np.exp(grain) * (1 - 0.45 * joint))[..., None]
 
@@ -188,18 +218,28 @@ def concrete(p):
 def mud(p):
     rut = p.bump(3.4, 0.04, 1.35, 47) + 0.8 * p.bump(11, 0.12, 1.5, 48)
     track = p.lines(p.x * 0.86 + p.y * 0.5 + 0.7 * p.noise(40, 1.9, 49), 11.0, 0.5)
-    tread = np.sin((p.y * 0.86 - p.x * 0.5) * (2 * np.pi / 0.14)) * np.clip(1 - p.footprint[:, None] / 0.04, 0, 1)
+    tread = np.sin((p.y * 0.86 - p.x * 0.5) * (2 * np.pi / 0.14)) * np.clip(
+        1 - p.footprint[:, None] / 0.04, 0, 1
+    )
     tone = np.exp(
-        0.3 * np.clip(rut, -1.5, 1.5) + 0.13 * p.noise(0.9, 0.6, 50) - track * (0.25 + 0.16 * tread) + 0.12 * p.noise(23, 1.5, 51)
+        0.3 * np.clip(rut, -1.5, 1.5)
+        + 0.13 * p.noise(0.9, 0.6, 50)
+        - track * (0.25 + 0.16 * tread)
+        + 0.12 * p.noise(23, 1.5, 51)
     )
     return np.array([0.175, 0.138, 0.10], np.float32) * tone[..., None]
 
 
 def rock(p):
     border, shade = p.cells(8.3, 30, 15)
-    slab = np.clip(p.bump(6.5, 0.07, 1.45, 52), -1.4, 1.4) + 0.6 * np.clip(p.bump(1.2, 0.02, 1.1, 53), -1.4, 1.4)
+    slab = np.clip(p.bump(6.5, 0.07, 1.45, 52), -1.4, 1.4) + 0.6 * np.clip(
+        p.bump(1.2, 0.02, 1.1, 53), -1.4, 1.4
+    )
     tone = np.exp(0.36 * slab + 0.12 * shade + 0.14 * np.clip(border, -2, 0.5) + 0.1 * p.noise(0.8, 0.6, 54))
-    return _mix((0.22, 0.20, 0.172), (0.165, 0.156, 0.143), smooth(-1, 1, p.noise(15, 1.4, 55))) * tone[..., None]
+    return (
+        _mix((0.22, 0.20, 0.172), (0.165, 0.156, 0.143), smooth(-1, 1, p.noise(15, 1.4, 55)))
+        * tone[..., None]
+    )
 
 
 def wheat(p):
@@ -211,7 +251,9 @@ def wheat(p):
 def rows(p):
     """Bare soil between planted rows, grass under them."""
     strip = p.lines(p.x * 0.42 + p.y * 0.91, 2.4, 1.1, 1.2)
-    return _mix(soil(p) * 1.1, 0, strip) + _grass(p, (0.07, 0.115, 0.03), (0.16, 0.15, 0.06)) * strip[..., None]
+    return (
+        _mix(soil(p) * 1.1, 0, strip) + _grass(p, (0.07, 0.115, 0.03), (0.16, 0.15, 0.06)) * strip[..., None]
+    )
 
 
 def forest_floor(p):

@@ -19,7 +19,9 @@ class Canvas:
         self.phi = ((0.5 - (np.arange(self.width) + 0.5) / self.width) * 2 * np.pi).astype(np.float32)
         self.image = np.zeros((height, self.width, 3), np.float32)
         self.pixel = np.pi / height  # radians
-        self.airlight = np.zeros((self.width, 3), np.float32)  # colour of the haze in every direction; the sky sets it
+        self.airlight = np.zeros(
+            (self.width, 3), np.float32
+        )  # colour of the haze in every direction; the sky sets it
         self.visibility = 20e3  # metres at which 1/e of the contrast is left
 
     def column(self, azimuth: float) -> float:
@@ -32,7 +34,9 @@ class Canvas:
     def columns(self, centre: float, half: float) -> np.ndarray:
         """Whole columns, unwrapped, that cover azimuth centre +- half."""
         half = min(half, np.pi - self.pixel)
-        return np.arange(int(np.floor(self.column(centre + half))), int(np.ceil(self.column(centre - half))) + 1)
+        return np.arange(
+            int(np.floor(self.column(centre + half))), int(np.ceil(self.column(centre - half))) + 1
+        )
 
     def haze(self, colour: np.ndarray, distance: np.ndarray | float, columns: np.ndarray) -> np.ndarray:
         """Aerial perspective: colour (h, w, 3) at a distance (broadcasts to (h, w, 1)) seen through the air of these
@@ -56,7 +60,9 @@ class Canvas:
             part += a * (colour[first:last, done : done + run] - part)
             done, start = done + run, 0
 
-    def develop(self, exposure: float, rng: np.random.Generator, grain: float = 0.006, warmth: float = 0.0) -> np.ndarray:
+    def develop(
+        self, exposure: float, rng: np.random.Generator, grain: float = 0.006, warmth: float = 0.0
+    ) -> np.ndarray:
         """A photograph of it, uint8: exposure, a film-like curve, sRGB, a little softness and grain. In bands, to
         stay small in memory.
         """
@@ -78,7 +84,9 @@ def _curve(x: np.ndarray) -> np.ndarray:
     lose their colour.
     """
     peak = x.max(-1, keepdims=True)
-    x = x + np.clip(peak - 1.2, 0, 6) * 0.12 * (peak - x) / np.maximum(peak, 1e-6)  # overexposed colours drift to white
+    x = x + np.clip(peak - 1.2, 0, 6) * 0.12 * (peak - x) / np.maximum(
+        peak, 1e-6
+    )  # overexposed colours drift to white
     x = np.maximum(x, 0)
     x = x * (1 + 0.22 * x) / (1 + 0.55 * x + 0.22 * x * x) * 1.12
     x = np.minimum(x, 1.0)

@@ -34,7 +34,9 @@ class Shadows:
         """
         fall = self.stretch() * height
         flat = np.hypot(*self.sun[:2])
-        side = np.array([-self.sun[1], self.sun[0]]) / max(flat, 1e-6) * height / alpha.shape[0]  # metres a column
+        side = (
+            np.array([-self.sun[1], self.sun[0]]) / max(flat, 1e-6) * height / alpha.shape[0]
+        )  # metres a column
         h, w = alpha.shape
         for raster, reach in zip((self.near, self.far), self.reach, strict=True):
             scale = len(raster) / (2 * reach)
@@ -50,7 +52,9 @@ class Shadows:
             if (high - low).min() <= 0:
                 continue
             matrix[:, 2] -= low
-            shade = cv2.warpAffine(alpha, matrix, (int(high[0] - low[0]), int(high[1] - low[1])), flags=cv2.INTER_LINEAR)
+            shade = cv2.warpAffine(
+                alpha, matrix, (int(high[0] - low[0]), int(high[1] - low[1])), flags=cv2.INTER_LINEAR
+            )
             part = raster[low[1] : high[1], low[0] : high[0]]
             np.maximum(part, shade, out=part)
 
@@ -63,6 +67,8 @@ class Shadows:
         for raster, reach in zip((self.near, self.far), self.reach, strict=True):
             u, v = ((c / reach * 0.5 + 0.5) * len(raster) - 0.5 for c in (x, y))
             u, v = np.clip(u, -10, 4000).astype(np.float32), np.clip(v, -10, 4000).astype(np.float32)
-            out.append(cv2.remap(raster, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(255,)))
+            out.append(
+                cv2.remap(raster, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(255,))
+            )
         inside = (np.abs(x) < self.reach[0] * 0.98) & (np.abs(y) < self.reach[0] * 0.98)
         return np.where(inside, out[0], out[1]).astype(np.float32) / 255

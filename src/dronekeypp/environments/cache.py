@@ -8,7 +8,8 @@ import cv2
 import joblib
 from tqdm import tqdm
 
-from ..errors import InputError
+from dronekeypp.environments import ENVIRONMENTS, render_environment
+from dronekeypp.errors import InputError
 
 SUFFIXES = {".jpg", ".jpeg", ".png"}
 
@@ -16,7 +17,11 @@ SUFFIXES = {".jpg", ".jpeg", ".png"}
 def cache_folder():
     """Where drawn panoramas are kept: $DRONEKEYPP_CACHE, else the user's cache folder. Safe to delete."""
     base = os.environ.get("DRONEKEYPP_CACHE")
-    return Path(base) if base else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dronekeypp"
+    return (
+        Path(base)
+        if base
+        else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dronekeypp"
+    )
 
 
 def environment_files(directory=None, workers=1, progress=True):
@@ -36,10 +41,8 @@ def environment_files(directory=None, workers=1, progress=True):
         if not files:
             raise InputError(f"{directory}: no .jpg or .png in it; put equirectangular 2:1 images there")
         return files
-    from .environments import ENVIRONMENTS
-
     # The drawing code's own digest is part of the name: a changed painter never leaves old pictures behind.
-    painters = sorted((Path(__file__).parent / "environments").glob("*.py"))
+    painters = sorted(p for p in Path(__file__).parent.glob("*.py") if p.name != Path(__file__).name)
     version = hashlib.sha256(b"".join(p.read_bytes() for p in painters)).hexdigest()[:12]
     folder = cache_folder() / f"environments-{version}"
     files = [folder / f"{name}.jpg" for name in ENVIRONMENTS]
@@ -54,8 +57,6 @@ def environment_files(directory=None, workers=1, progress=True):
 
 
 def _paint(path):
-    from .environments import render_environment
-
     image = render_environment(path.stem)
     beside = path.with_name(f".{path.stem}.{os.getpid()}.jpg")
     cv2.imwrite(str(beside), cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, 92])

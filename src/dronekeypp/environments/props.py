@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .things import Lines, Mesh
+from dronekeypp.environments.things import Lines, Mesh
 
 CAR_PAINTS = (
     (0.62, 0.62, 0.61),
@@ -43,7 +43,12 @@ def car(x: float, y: float, heading: float, rng: np.random.Generator) -> list[Me
         (0.3, 0.24),
         (-0.3, 0.24),
     ]
-    cabin = [(-0.46 if van else -0.42, hood - 0.01), (-0.42 if van else -0.29, tall), (0.02, tall + 0.02), (0.27, hood)]
+    cabin = [
+        (-0.46 if van else -0.42, hood - 0.01),
+        (-0.42 if van else -0.29, tall),
+        (0.02, tall + 0.02),
+        (0.27, hood),
+    ]
     dark, glass = (0.02, 0.02, 0.022), (0.015, 0.018, 0.02)
     faces, colours, gloss = [], [], []
 
@@ -69,8 +74,16 @@ def car(x: float, y: float, heading: float, rng: np.random.Generator) -> list[Me
     turn = np.linspace(0, 2 * np.pi, 15)[:-1]
     for ahead in (-0.29, 0.31):
         for sign in (-1, 1):
-            add([(ahead * long + 0.31 * np.cos(t), sign * 0.87, 0.31 + 0.31 * np.sin(t)) for t in turn], dark, 0.0)
-            add([(ahead * long + 0.18 * np.cos(t), sign * 0.88, 0.31 + 0.18 * np.sin(t)) for t in turn], (0.25, 0.25, 0.26), 0.3)
+            add(
+                [(ahead * long + 0.31 * np.cos(t), sign * 0.87, 0.31 + 0.31 * np.sin(t)) for t in turn],
+                dark,
+                0.0,
+            )
+            add(
+                [(ahead * long + 0.18 * np.cos(t), sign * 0.88, 0.31 + 0.18 * np.sin(t)) for t in turn],
+                (0.25, 0.25, 0.26),
+                0.3,
+            )
     for sign in (-1, 1):
         add(
             [
@@ -96,9 +109,14 @@ def car(x: float, y: float, heading: float, rng: np.random.Generator) -> list[Me
     facing = np.sign(-np.sin(heading) * -x + np.cos(heading) * -y) or 1.0
     front = np.sign(towards.sum()) or 1.0
     seen = [
-        i for i in range(len(faces)) if (i < 8 and (1 if (i // 2) % 2 else -1) == facing) or (i >= 8 and ((i - 8) % 2 == 0) == (front > 0))
+        i
+        for i in range(len(faces))
+        if (i < 8 and (1 if (i // 2) % 2 else -1) == facing) or (i >= 8 and ((i - 8) % 2 == 0) == (front > 0))
     ]
-    return [body_mesh, _TwoSided([faces[i] for i in seen], [colours[i] for i in seen], [gloss[i] for i in seen])]
+    return [
+        body_mesh,
+        _TwoSided([faces[i] for i in seen], [colours[i] for i in seen], [gloss[i] for i in seen]),
+    ]
 
 
 class _TwoSided(Mesh):
@@ -116,11 +134,17 @@ class _TwoSided(Mesh):
             Mesh([face], [colour], [shine]).paint(canvas, light)
 
 
-def lamp(x: float, y: float, heading: float, height: float = 8.0, glow: float = 0.0, ground: float = 0.0) -> list[Lines]:
+def lamp(
+    x: float, y: float, heading: float, height: float = 8.0, glow: float = 0.0, ground: float = 0.0
+) -> list[Lines]:
     """A street lamp: tapering mast, arm, head."""
     top = np.array([x, y, ground + height])
     arm = top + np.array([np.cos(heading), np.sin(heading), 0.12]) * 1.4
-    mast = [(np.array([x, y, ground]), (top + [x, y, ground]) / 2), ((top + [x, y, ground]) / 2, top), (top, arm)]
+    mast = [
+        (np.array([x, y, ground]), (top + [x, y, ground]) / 2),
+        ((top + [x, y, ground]) / 2, top),
+        (top, arm),
+    ]
     bars = Lines(np.array(mast), np.array([0.17, 0.12, 0.07]), (0.30, 0.31, 0.31))
     head = Lines(
         np.array([(arm, arm + np.array([np.cos(heading), np.sin(heading), 0]) * 0.6)]),
@@ -155,7 +179,13 @@ def fence(start, end, height: float = 1.2, style: str = "posts") -> list[Lines]:
 
 
 def power_line(
-    heading: float, offset: float, height: float = 9.0, pitch: float = 42.0, spans: int = 9, wires: int = 3, ground=None
+    heading: float,
+    offset: float,
+    height: float = 9.0,
+    pitch: float = 42.0,
+    spans: int = 9,
+    wires: int = 3,
+    ground=None,
 ) -> list[Lines]:
     """Poles along a line, with sagging wires. ground: function (x, y) -> metres."""
     c, s = np.cos(heading), np.sin(heading)
@@ -213,8 +243,14 @@ def crane(x: float, y: float, heading: float, height: float = 38.0, colour=(0.42
         for sx, sy in ((w, w), (-w, w), (-w, -w), (w, -w)):
             bars.append(([sx, sy, z[i]], [sx, sy, z[i + 1]]))
         flip = 1 if i % 2 else -1
-        bars += [([w * flip, w, z[i]], [-w * flip, w, z[i + 1]]), ([w * flip, -w, z[i]], [-w * flip, -w, z[i + 1]])]
-        bars += [([w, w * flip, z[i]], [w, -w * flip, z[i + 1]]), ([-w, w * flip, z[i]], [-w, -w * flip, z[i + 1]])]
+        bars += [
+            ([w * flip, w, z[i]], [-w * flip, w, z[i + 1]]),
+            ([w * flip, -w, z[i]], [-w * flip, -w, z[i + 1]]),
+        ]
+        bars += [
+            ([w, w * flip, z[i]], [w, -w * flip, z[i + 1]]),
+            ([-w, w * flip, z[i]], [-w, -w * flip, z[i + 1]]),
+        ]
     jib = np.arange(-12, 40.1, 2.0)
     for a, b in zip(jib[:-1], jib[1:], strict=True):
         for sy in (-0.7, 0.7):
@@ -225,12 +261,19 @@ def crane(x: float, y: float, heading: float, height: float = 38.0, colour=(0.42
             ]
         bars.append(([a, 0, height + 1.6], [b, 0, height + 1.6]))
     apex = [0, 0, height + 7]
-    bars += [([0, 0, height], apex), (apex, [34, 0, height + 1.6]), (apex, [16, 0, height + 1.6]), (apex, [-11, 0, height + 1.2])]
+    bars += [
+        ([0, 0, height], apex),
+        (apex, [34, 0, height + 1.6]),
+        (apex, [16, 0, height + 1.6]),
+        (apex, [-11, 0, height + 1.2]),
+    ]
     bars += [([24, 0, height], [24, 0, height * 0.45])]
     ends = np.array([[_place(p, x, y, heading)[0] for p in bar] for bar in bars])
     thick = np.full(len(ends), 0.16)
     thick[-5:] = (0.25, 0.06, 0.06, 0.06, 0.05)
-    cabin = np.array([[_place(p, x, y, heading)[0] for p in ([-11.5, 0, height + 0.1], [-8.5, 0, height + 0.1])]])
+    cabin = np.array(
+        [[_place(p, x, y, heading)[0] for p in ([-11.5, 0, height + 0.1], [-8.5, 0, height + 0.1])]]
+    )
     return [Lines(ends, thick, colour), Lines(cabin, np.array([2.2]), (0.3, 0.3, 0.29))]
 
 
@@ -253,8 +296,15 @@ def boat(x: float, y: float, heading: float, rng: np.random.Generator) -> list:
     """A small sailing boat with its mast bare."""
     long = rng.uniform(6.5, 10.5)
     t = np.linspace(-1, 1, 9)
-    beam = 0.16 * long * np.sqrt(np.clip(1 - np.clip(t, -0.5, 1) ** 2.0 * (t > 0) - 0.25 * (t < 0) * t**2, 0, 1))
-    hull, deck = ((0.50, 0.50, 0.49), (0.42, 0.41, 0.38), (0.05, 0.08, 0.16), (0.24, 0.05, 0.04))[int(rng.integers(4))], (0.40, 0.37, 0.30)
+    beam = (
+        0.16 * long * np.sqrt(np.clip(1 - np.clip(t, -0.5, 1) ** 2.0 * (t > 0) - 0.25 * (t < 0) * t**2, 0, 1))
+    )
+    hull, deck = (
+        ((0.50, 0.50, 0.49), (0.42, 0.41, 0.38), (0.05, 0.08, 0.16), (0.24, 0.05, 0.04))[
+            int(rng.integers(4))
+        ],
+        (0.40, 0.37, 0.30),
+    )
     faces, colours = [], []
     rise = 0.95 + 0.25 * np.maximum(t, 0)
     for sign in (-1, 1):
@@ -270,7 +320,12 @@ def boat(x: float, y: float, heading: float, rng: np.random.Generator) -> list:
             )
             colours.append(hull)
     faces.append(
-        [(-long / 2, -beam[0], 0.95), (-long / 2, beam[0], 0.95), (-long / 2.15, beam[0] * 0.75, 0), (-long / 2.15, -beam[0] * 0.75, 0)]
+        [
+            (-long / 2, -beam[0], 0.95),
+            (-long / 2, beam[0], 0.95),
+            (-long / 2.15, beam[0] * 0.75, 0),
+            (-long / 2.15, -beam[0] * 0.75, 0),
+        ]
     )
     colours.append(hull)
     cabin = [(-0.18 * long, 0.9), (-0.16 * long, 1.55), (0.14 * long, 1.45), (0.2 * long, 1.0)]

@@ -1,7 +1,7 @@
 """The 22 procedural outdoor environments: what stands behind the drones (paper, Sec. IV: 22 photographed 360 degree
 environments).
 
-`render_environment` draws one; `python -m dronekeypp.sixdronesyn.environments --sheet FILE` draws all of them small,
+`render_environment` draws one; `python -m dronekeypp.environments --sheet FILE` draws all of them small,
 on one sheet. The modules beside this one draw: `sky`, `terrain` with `surfaces`, `plants`, `buildings`, `props`, all
 onto a `canvas`; `scene` puts them together.
 """
@@ -15,10 +15,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from dronekeypp.environments.places import PLACES
+from dronekeypp.environments.scene import Environment, paint
 from dronekeypp.errors import InputError
-
-from .places import PLACES
-from .scene import Environment, paint
 
 __all__ = ["ENVIRONMENTS", "Environment", "contact_sheet", "environment_spec", "render_environment"]
 
@@ -53,14 +52,20 @@ def render_environment(name: str, height: int = 2048, seed: int = 0) -> np.ndarr
     return paint(environment_spec(name), int(height), int(seed))
 
 
-def contact_sheet(path: str | Path, height: int = 1024, columns: int = 4, seed: int = 0, width: int = 480) -> None:
+def contact_sheet(
+    path: str | Path, height: int = 1024, columns: int = 4, seed: int = 0, width: int = 480
+) -> None:
     """All 22 on one sheet written to `path`: drawn `height` pixels high, shown `width` wide, each with its name."""
     tiles = []
     for name in ENVIRONMENTS:
-        tile = cv2.resize(render_environment(name, height, seed), (width, width // 2), interpolation=cv2.INTER_AREA)
+        tile = cv2.resize(
+            render_environment(name, height, seed), (width, width // 2), interpolation=cv2.INTER_AREA
+        )
         text, font = name.replace("_", " "), (cv2.FONT_HERSHEY_SIMPLEX, 0.8)
         (wide, high), below = cv2.getTextSize(text, *font, 1)
-        cv2.rectangle(tile, (0, width // 2 - high - below - 6), (wide + 16, width // 2), (40, 40, 40), -1)  # letters are legible on any ground
+        cv2.rectangle(
+            tile, (0, width // 2 - high - below - 6), (wide + 16, width // 2), (40, 40, 40), -1
+        )  # letters are legible on any ground
         cv2.putText(tile, text, (8, width // 2 - below - 2), *font, (255, 255, 255), 1, cv2.LINE_AA)
         tiles.append(np.pad(tile, ((2, 2), (2, 2), (0, 0)), constant_values=255))
     rows = [np.concatenate(tiles[i : i + columns], 1) for i in range(0, len(tiles), columns)]

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from .canvas import Canvas
-from .plants import Model
-from .shadows import Shadows
-from .sky import Daylight
+from dronekeypp.environments.canvas import Canvas
+from dronekeypp.environments.plants import Model
+from dronekeypp.environments.shadows import Shadows
+from dronekeypp.environments.sky import Daylight
 
 
 @dataclass
@@ -62,12 +62,20 @@ class Plant:
         bark = np.asarray(self.model.kind.bark, np.float32)
         albedo = (bark + leaf[..., None] * (self.colour.astype(np.float32) - bark)) * tone[..., None]
         if self.snow:
-            white = np.clip((normal[..., 2:] - 0.15) * 3, 0, 1) * np.clip(openness[..., None] * 2 - 0.5, 0, 1) * self.snow
+            white = (
+                np.clip((normal[..., 2:] - 0.15) * 3, 0, 1)
+                * np.clip(openness[..., None] * 2 - 0.5, 0, 1)
+                * self.snow
+            )
             albedo = albedo + white * (np.array([0.78, 0.8, 0.84], np.float32) - albedo)
         shine = np.array([1.15, 1.1, 0.55], np.float32)
         radiance = albedo * reach * (front[..., None] + through[..., None] * shine) * light.sun_colour
-        radiance += albedo * (0.10 + 0.75 * openness[..., None]) * (0.72 + 0.28 * normal[..., 2:]) * light.sky_colour
-        radiance += albedo * 0.05 * np.clip(1 - normal[..., 2:], 0, 2) * light.sun_colour * max(light.sun[2], 0)  # off the ground
+        radiance += (
+            albedo * (0.10 + 0.75 * openness[..., None]) * (0.72 + 0.28 * normal[..., 2:]) * light.sky_colour
+        )
+        radiance += (
+            albedo * 0.05 * np.clip(1 - normal[..., 2:], 0, 2) * light.sun_colour * max(light.sun[2], 0)
+        )  # off the ground
         gloss = 0.012 * leaf[..., None] * reach * np.clip(normal[..., 2:], 0, 1) * light.sky_colour
         radiance = (radiance / np.pi + gloss).astype(np.float32)
         first = int(round(canvas.row(top) + 0.5))
@@ -109,7 +117,9 @@ class Lines:
         for i in order:
             self._bar(canvas, light, self.ends[i, 0], self.ends[i, 1], float(self.thick[i]))
 
-    def _bar(self, canvas: Canvas, light: Daylight, a: np.ndarray, b: np.ndarray, thick: float, depth: int = 0) -> None:
+    def _bar(
+        self, canvas: Canvas, light: Daylight, a: np.ndarray, b: np.ndarray, thick: float, depth: int = 0
+    ) -> None:
         azimuths = [np.arctan2(p[1], p[0]) for p in (a, b)]
         turn = (azimuths[1] - azimuths[0] + np.pi) % (2 * np.pi) - np.pi
         if abs(turn) > 0.12 and depth < 6:  # straight lines bend in this projection: halve until they do not
@@ -142,10 +152,21 @@ class Lines:
         sideways = right * (-dv / length) + np.array([0, 0, -1]) * (du / length)
         facing = across * (light.sun @ sideways) + np.sqrt(1 - across**2) * (light.sun @ viewer)
         albedo = np.asarray(self.colour, np.float32)
-        radiance = albedo / np.pi * (np.clip(facing, 0, 1)[..., None] * light.sun_colour + 0.7 * light.sky_colour + 0.06 * light.sun_colour)
+        radiance = (
+            albedo
+            / np.pi
+            * (
+                np.clip(facing, 0, 1)[..., None] * light.sun_colour
+                + 0.7 * light.sky_colour
+                + 0.06 * light.sun_colour
+            )
+        )
         radiance = radiance + np.asarray(self.glow, np.float32)
         canvas.paste(
-            canvas.haze(radiance.astype(np.float32), distance, columns).astype(np.float32), alpha.astype(np.float32), int(rows[0]), columns
+            canvas.haze(radiance.astype(np.float32), distance, columns).astype(np.float32),
+            alpha.astype(np.float32),
+            int(rows[0]),
+            columns,
         )
 
 
@@ -182,7 +203,10 @@ class Mesh:
         if not (2 < width < canvas.width // 2 and height > 2):
             return
         over = 4
-        colour, alpha = np.zeros((height * over, width * over, 3), np.float32), np.zeros((height * over, width * over), np.uint8)
+        colour, alpha = (
+            np.zeros((height * over, width * over, 3), np.float32),
+            np.zeros((height * over, width * over), np.uint8),
+        )
         starts = np.cumsum([0] + [len(f) for f in self.faces])
         centre = points.mean(0)
         order = sorted(range(len(self.faces)), key=lambda i: -float(np.linalg.norm(self.faces[i].mean(0))))
@@ -197,7 +221,9 @@ class Mesh:
                 continue
             view = towards / np.linalg.norm(towards)
             albedo = np.asarray(self.colours[i])
-            ambient = light.sky_colour * (0.5 + 0.5 * normal[2]) + 0.12 * (0.5 - 0.5 * normal[2]) * light.sun_colour
+            ambient = (
+                light.sky_colour * (0.5 + 0.5 * normal[2]) + 0.12 * (0.5 - 0.5 * normal[2]) * light.sun_colour
+            )
             tone = albedo / np.pi * (max(0.0, float(normal @ light.sun)) * light.sun_colour + ambient)
             bounce = 2 * (normal @ view) * normal - view
             fresnel = self.gloss[i] * (0.08 + 0.7 * (1 - abs(float(normal @ view))) ** 4)

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from .canvas import Canvas
-from .noise import fbm_tile, look, smooth
-from .shadows import Shadows
-from .sky import Daylight
-from .surfaces import GRAIN, SURFACES, Patch
+from dronekeypp.environments.canvas import Canvas
+from dronekeypp.environments.noise import fbm_tile, look, smooth
+from dronekeypp.environments.shadows import Shadows
+from dronekeypp.environments.sky import Daylight
+from dronekeypp.environments.surfaces import GRAIN, SURFACES, Patch
 
 _NEAR, _FAR, _STEPS = 12.0, 40e3, 460
 
@@ -73,7 +73,9 @@ class Terrain:
         if r.mountains:
             azimuth = np.degrees(np.arctan2(y, x))
             off = np.abs((azimuth - r.facing + 180) % 360 - 180)
-            there = smooth(r.beyond * 0.55, r.beyond * 1.3, distance) * smooth(r.sector / 2 + 12, r.sector / 2 - 12, off)
+            there = smooth(r.beyond * 0.55, r.beyond * 1.3, distance) * smooth(
+                r.sector / 2 + 12, r.sector / 2 - 12, off
+            )
             broad = look(tile, x, y + 3000, r.beyond * 3.1)
             crest = 1 - np.abs(look(fbm_tile(1024, 1.75, 101 + self.seed), x, y, r.beyond * 2.2)) * 0.75
             height = height + there * r.mountains * np.clip(0.42 + 0.22 * broad + 0.42 * crest, 0, None)
@@ -82,7 +84,9 @@ class Terrain:
                 height = height * (1 - self.share(strip, x, y, soft=6.0))
         return height
 
-    def share(self, strip: Strip, x: np.ndarray, y: np.ndarray, soft: np.ndarray | float = 0.02) -> np.ndarray:
+    def share(
+        self, strip: Strip, x: np.ndarray, y: np.ndarray, soft: np.ndarray | float = 0.02
+    ) -> np.ndarray:
         """How much of (x, y) lies in a strip, 0..1, softened over `soft` metres."""
         across, along = self.across(strip, x, y)
         if strip.wobble:
@@ -98,7 +102,9 @@ class Terrain:
     @staticmethod
     def across(strip: Strip, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         c, s = np.float32(np.cos(np.radians(strip.heading))), np.float32(np.sin(np.radians(strip.heading)))
-        return (y * c - x * s - np.float32(strip.offset)).astype(np.float32), (x * c + y * s).astype(np.float32)
+        return (y * c - x * s - np.float32(strip.offset)).astype(np.float32), (x * c + y * s).astype(
+            np.float32
+        )
 
     def paint(self, canvas: Canvas, shadows: Shadows) -> None:
         phi, columns = canvas.phi, canvas.width
@@ -111,7 +117,9 @@ class Terrain:
             theta = canvas.theta[first : first + 64]
             tangent = np.tan(np.maximum(theta, -1.5607))
             below = tangent < -canvas.eye / _NEAR
-            near = np.broadcast_to(canvas.eye / np.maximum(-tangent, 1e-6)[:, None], (len(theta), columns)).astype(np.float32)
+            near = np.broadcast_to(
+                canvas.eye / np.maximum(-tangent, 1e-6)[:, None], (len(theta), columns)
+            ).astype(np.float32)
             if below.all():
                 self._band(canvas, shadows, first, near, np.ones_like(near), None, below[:, None])
                 continue
@@ -125,13 +133,19 @@ class Terrain:
             cover = np.clip((skyline - theta[:, None]) / canvas.pixel + 0.5, 0, 1)  # 0 above the skyline
             whole = index.astype(np.int32)
             part = index - whole
-            reach = 1 / ((1 - part) / distance[whole] + part / distance[whole + 1])  # a plane's tangent is linear in 1 / distance
+            reach = 1 / (
+                (1 - part) / distance[whole] + part / distance[whole + 1]
+            )  # a plane's tangent is linear in 1 / distance
             reach = np.where(below[:, None], near, reach).astype(np.float32)
             place = np.repeat(np.arange(columns, dtype=np.float32)[None], len(theta), 0)
-            maps = [cv2.remap(m, place, index, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for m in light]
+            maps = [
+                cv2.remap(m, place, index, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for m in light
+            ]
             self._band(canvas, shadows, first, reach, cover, maps, below[:, None])
 
-    def _march(self, canvas: Canvas, distance: np.ndarray, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+    def _march(
+        self, canvas: Canvas, distance: np.ndarray, phi: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
         """On a polar grid (distance, azimuth): tangent of elevation, its running maximum, and maps (sunlit, skylit,
         wooded, bare, snowy).
         """
@@ -142,7 +156,9 @@ class Terrain:
         ground = height.copy()
         tile = fbm_tile(1024, 1.2, 130 + self.seed)
         mask = look(fbm_tile(1024, 1.5, 131 + self.seed), x, y, 3.1 * r.width + 400)
-        limit = np.quantile(fbm_tile(1024, 1.5, 131 + self.seed)[::8, ::8], 1 - np.clip(r.woods, 0.001, 0.999))
+        limit = np.quantile(
+            fbm_tile(1024, 1.5, 131 + self.seed)[::8, ::8], 1 - np.clip(r.woods, 0.001, 0.999)
+        )
         wooded = smooth(limit - 0.08, limit + 0.08, mask + 0.12 * look(tile, x, y, 90)) * smooth(
             max(r.flat * 1.1, 300), max(r.flat * 1.3, 340) + 60, d
         )
@@ -169,10 +185,15 @@ class Terrain:
         bare = np.maximum(bare, smooth(1300, 1900, ground)) if r.snow_line > 0 else bare * 0.5
         snowy = np.zeros_like(d)  # a snow line under 0 means that the surface itself is snow
         if r.snow_line > 0:
-            snowy = smooth(r.snow_line * 0.85, r.snow_line * 1.1, ground + 90 * look(tile, x, y, 700)) * smooth(1.3, 0.7, slope_ground)
+            snowy = smooth(
+                r.snow_line * 0.85, r.snow_line * 1.1, ground + 90 * look(tile, x, y, 700)
+            ) * smooth(1.3, 0.7, slope_ground)
         tangent = ((height - canvas.eye) / d).astype(np.float32)
         seen = np.maximum.accumulate(tangent, 0) + np.arange(_STEPS, dtype=np.float32)[:, None] * 1e-8
-        maps = [m.astype(np.float32) for m in (sunlit, 0.5 + 0.5 * up, smooth(0.02, 0.3, wooded), bare * (1 - wooded), snowy)]
+        maps = [
+            m.astype(np.float32)
+            for m in (sunlit, 0.5 + 0.5 * up, smooth(0.02, 0.3, wooded), bare * (1 - wooded), snowy)
+        ]
         return tangent, seen, maps
 
     def _band(self, canvas, shadows, first, reach, cover, maps, below) -> None:
@@ -187,7 +208,9 @@ class Terrain:
         albedo = SURFACES[self.surface](patch)
         # What stands on the ground (blades, stones) keeps a grain at any distance.
         rng = np.random.default_rng((self.seed, first, 5))
-        grain = cv2.GaussianBlur(rng.standard_normal(x.shape, dtype=np.float32), (0, 0), sigmaX=0.6, sigmaY=0.9)
+        grain = cv2.GaussianBlur(
+            rng.standard_normal(x.shape, dtype=np.float32), (0, 0), sigmaX=0.6, sigmaY=0.9
+        )
         albedo *= np.exp(GRAIN.get(self.surface, 0.2) * grain)[..., None]
         water = np.zeros_like(x)
         for strip in self.strips:
@@ -202,8 +225,18 @@ class Terrain:
         if wooded.any():
             # Crowns are seen from the side: their texture stands upright, in metres along the horizon and up.
             rise = reach * np.tan(canvas.theta[first : first + len(reach)])[:, None]
-            side = Patch((phi * reach).astype(np.float32), rise.astype(np.float32), middle * canvas.pixel, self.light.sun, self.seed)
-            rough = np.exp(0.5 * side.noise(17, 0.8, 60) + 0.3 * side.noise(75, 1.1, 63) + 0.2 * patch.noise(310, 0.8, 61))
+            side = Patch(
+                (phi * reach).astype(np.float32),
+                rise.astype(np.float32),
+                middle * canvas.pixel,
+                self.light.sun,
+                self.seed,
+            )
+            rough = np.exp(
+                0.5 * side.noise(17, 0.8, 60)
+                + 0.3 * side.noise(75, 1.1, 63)
+                + 0.2 * patch.noise(310, 0.8, 61)
+            )
             shade = np.asarray(r.woods_colour, np.float32) * rough[..., None]
             albedo += wooded[..., None] * (shade - albedo)
         if bare.any():
@@ -213,7 +246,9 @@ class Terrain:
             albedo += snowy[..., None] * (np.array([0.78, 0.8, 0.84], np.float32) - albedo)
         sun = np.where(below, max(self.light.sun[2], 0.0), sunlit) * shadows.lit(x, y)
         sky = np.where(below, 1.0, skylit)
-        radiance = albedo / np.pi * (sun[..., None] * self.light.sun_colour + sky[..., None] * self.light.sky_colour)
+        radiance = (
+            albedo / np.pi * (sun[..., None] * self.light.sun_colour + sky[..., None] * self.light.sky_colour)
+        )
         columns = np.arange(canvas.width)
         radiance = canvas.haze(radiance, reach[..., None], columns).astype(np.float32)
         canvas.paste(radiance, cover, first, columns)
@@ -225,7 +260,9 @@ class Terrain:
     def _strip(self, strip: Strip, patch: Patch) -> np.ndarray:
         colour = SURFACES[strip.surface](patch)
         across, along = self.across(strip, patch.x, patch.y)
-        worn = np.clip(0.9 + 0.25 * patch.noise(1.3, 0.8, 70) - 0.3 * smooth(0.2, 1.5, patch.noise(9, 1.2, 71)), 0, 1)
+        worn = np.clip(
+            0.9 + 0.25 * patch.noise(1.3, 0.8, 70) - 0.3 * smooth(0.2, 1.5, patch.noise(9, 1.2, 71)), 0, 1
+        )
         paint = np.zeros_like(across)
         soft = np.maximum(patch.footprint[:, None], 0.01)
 
@@ -240,7 +277,9 @@ class Terrain:
             in_bay = np.clip((lane - 3.5) / soft + 0.5, 0, 1)
             paint = np.maximum(patch.lines(along, 2.6, 0.12) * in_bay, bar(lane - 8.5, 0.06))
         if strip.marks:
-            colour = colour + (np.clip(paint, 0, 1) * worn * 0.85)[..., None] * (np.array([0.62, 0.62, 0.60], np.float32) - colour)
+            colour = colour + (np.clip(paint, 0, 1) * worn * 0.85)[..., None] * (
+                np.array([0.62, 0.62, 0.60], np.float32) - colour
+            )
         if strip.kerb:
             edge = bar(np.abs(across) - strip.width / 2, strip.kerb)
             colour = colour + edge[..., None] * (np.array([0.36, 0.35, 0.335], np.float32) - colour)
@@ -259,31 +298,51 @@ class Terrain:
             share = self.water[first : min(first + 64, rows[-1] + 1)].astype(np.float32)
             theta = canvas.theta[half + first : half + first + len(share)][:, None]
             reach = canvas.eye / np.tan(np.maximum(-theta, 2e-4))
-            x, y = (reach * np.cos(canvas.phi)).astype(np.float32), (reach * np.sin(canvas.phi)).astype(np.float32)
-            footprint = (reach[:, 0] * canvas.pixel * np.sqrt(np.clip(reach[:, 0] / canvas.eye, 1, 16))).astype(np.float32)
+            x, y = (
+                (reach * np.cos(canvas.phi)).astype(np.float32),
+                (reach * np.sin(canvas.phi)).astype(np.float32),
+            )
+            footprint = (
+                reach[:, 0] * canvas.pixel * np.sqrt(np.clip(reach[:, 0] / canvas.eye, 1, 16))
+            ).astype(np.float32)
             patch = Patch(x, y, footprint, self.light.sun, self.seed)
             ripple = [
-                patch.noise(1.4, 1.0, 80) + patch.noise(6.7, 1.2, 81) + 0.7 * patch.noise(47, 1.3, 82) for patch in (patch, _moved(patch))
+                patch.noise(1.4, 1.0, 80) + patch.noise(6.7, 1.2, 81) + 0.7 * patch.noise(47, 1.3, 82)
+                for patch in (patch, _moved(patch))
             ]
             # What no pixel resolves still tilts the mirror: jitter it instead, finer with distance.
             rng = np.random.default_rng((self.seed, first, 3))
             hidden = cv2.GaussianBlur(
-                rng.standard_normal(x.shape, dtype=np.float32), (0, 0), sigmaX=3.0, sigmaY=0.7, borderType=cv2.BORDER_REFLECT
+                rng.standard_normal(x.shape, dtype=np.float32),
+                (0, 0),
+                sigmaX=3.0,
+                sigmaY=0.7,
+                borderType=cv2.BORDER_REFLECT,
             )
             hidden *= smooth(0.0, 0.5, footprint)[:, None] * 1.8
             tilt = np.float32(waves) * (ripple[0] + hidden)
-            column = np.arange(canvas.width, dtype=np.float32)[None] + np.float32(0.8 * waves) * ripple[1] / canvas.pixel * np.minimum(
-                1, -theta * 8
-            )
+            column = np.arange(canvas.width, dtype=np.float32)[None] + np.float32(0.8 * waves) * ripple[
+                1
+            ] / canvas.pixel * np.minimum(1, -theta * 8)
             mirror = 0
             for spread in (-1.3, -0.4, 0.4, 1.3):  # a pixel holds many small waves
                 up = np.abs(-theta + 1.6 * tilt + (0.8 + 0.9 * spread) * waves)
                 row = np.clip((0.5 - up / np.pi) * canvas.height - 0.5, 0, half - 1).astype(np.float32)
-                seen = cv2.remap(canvas.image[:half], column.astype(np.float32), row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+                seen = cv2.remap(
+                    canvas.image[:half],
+                    column.astype(np.float32),
+                    row,
+                    cv2.INTER_LINEAR,
+                    borderMode=cv2.BORDER_WRAP,
+                )
                 mirror = mirror + 0.25 * np.minimum(seen, limit)
             facing = np.clip(np.sin(np.clip(-theta + tilt, 0.03, 1.5)), 0, 1)
             fresnel = (0.02 + 0.98 * (1 - facing) ** 5)[..., None]
-            body = np.asarray(deep, np.float32) * (self.light.sun_colour * max(self.light.sun[2], 0) + self.light.sky_colour) / np.pi
+            body = (
+                np.asarray(deep, np.float32)
+                * (self.light.sun_colour * max(self.light.sun[2], 0) + self.light.sky_colour)
+                / np.pi
+            )
             colour = (fresnel * mirror + (1 - fresnel) * body).astype(np.float32)
             canvas.paste(colour, share, half + first, np.arange(canvas.width))
 

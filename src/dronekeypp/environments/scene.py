@@ -6,20 +6,27 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from . import props
-from .buildings import FACADES, Building
-from .canvas import Canvas
-from .kinds import KINDS
-from .noise import fbm_tile, look
-from .plants import grow
-from .shadows import Shadows
-from .sky import Clouds, Sky
-from .terrain import Relief, Strip, Terrain
-from .things import Plant
+from dronekeypp.environments import props
+from dronekeypp.environments.buildings import FACADES, Building
+from dronekeypp.environments.canvas import Canvas
+from dronekeypp.environments.kinds import KINDS
+from dronekeypp.environments.noise import fbm_tile, look
+from dronekeypp.environments.plants import grow
+from dronekeypp.environments.shadows import Shadows
+from dronekeypp.environments.sky import Clouds, Sky
+from dronekeypp.environments.terrain import Relief, Strip, Terrain
+from dronekeypp.environments.things import Plant
 
 GREENS = ((0.062, 0.098, 0.022), (0.045, 0.080, 0.020), (0.080, 0.115, 0.028), (0.050, 0.072, 0.024))
 DARK = ((0.026, 0.046, 0.018), (0.034, 0.055, 0.020), (0.030, 0.045, 0.022))
-AUTUMN = ((0.30, 0.155, 0.030), (0.26, 0.085, 0.022), (0.20, 0.145, 0.030), (0.105, 0.105, 0.025), (0.075, 0.09, 0.022), (0.33, 0.20, 0.04))
+AUTUMN = (
+    (0.30, 0.155, 0.030),
+    (0.26, 0.085, 0.022),
+    (0.20, 0.145, 0.030),
+    (0.105, 0.105, 0.025),
+    (0.075, 0.09, 0.022),
+    (0.33, 0.20, 0.04),
+)
 DRY = ((0.17, 0.15, 0.06), (0.13, 0.125, 0.05), (0.20, 0.165, 0.075))
 OLIVE = ((0.085, 0.095, 0.045), (0.10, 0.105, 0.055), (0.07, 0.085, 0.035))
 
@@ -98,7 +105,9 @@ class Environment:
 
 
 def _sector_point(rng, near, far, facing, sector):
-    distance = np.sqrt(rng.uniform(near**2, far**2)) if far < 4 * near else near * (far / near) ** rng.random()
+    distance = (
+        np.sqrt(rng.uniform(near**2, far**2)) if far < 4 * near else near * (far / near) ** rng.random()
+    )
     azimuth = np.radians(facing + sector * (rng.random() - 0.5))
     return distance * np.cos(azimuth), distance * np.sin(azimuth)
 
@@ -108,7 +117,9 @@ def _house(spec: Housing, x, y, heading, size, rng, place, terrain, glow) -> Bui
     ground = float(terrain.height(np.array([[x]], np.float32), np.array([[y]], np.float32))[0, 0])
     height, rise = rng.uniform(*spec.height), rng.uniform(*spec.rise)
     ground = ground - 0.3 if abs(ground) > 0.05 else 0.0
-    return Building(x, y, *size, height, heading, FACADES[name], rise, ground, int(rng.integers(1000)), spec.snow, glow)
+    return Building(
+        x, y, *size, height, heading, FACADES[name], rise, ground, int(rng.integers(1000)), spec.snow, glow
+    )
 
 
 def _houses(place: Environment, terrain: Terrain, rng: np.random.Generator) -> list[Building]:
@@ -120,7 +131,10 @@ def _houses(place: Environment, terrain: Terrain, rng: np.random.Generator) -> l
             while at < stop:
                 size = rng.uniform(spec.size[0], spec.size[1]), rng.uniform(spec.size[2], spec.size[3])
                 along, across = at + size[0] / 2, offset + np.sign(offset) * size[1] / 2
-                x, y = along * np.cos(heading) - across * np.sin(heading), along * np.sin(heading) + across * np.cos(heading)
+                x, y = (
+                    along * np.cos(heading) - across * np.sin(heading),
+                    along * np.sin(heading) + across * np.cos(heading),
+                )
                 out.append(_house(spec, x, y, heading, size, rng, place, terrain, place.glow))
                 at += size[0] + rng.uniform(*spec.gap)
             continue
@@ -129,7 +143,9 @@ def _houses(place: Environment, terrain: Terrain, rng: np.random.Generator) -> l
                 x, y = _sector_point(rng, spec.near, spec.far, spec.facing, spec.sector)
                 size = rng.uniform(spec.size[0], spec.size[1]), rng.uniform(spec.size[2], spec.size[3])
                 reach = max(size) / 2
-                clear = all(np.hypot(x - b.x, y - b.y) > 0.75 * (reach + max(b.length, b.depth) / 2) for b in out)
+                clear = all(
+                    np.hypot(x - b.x, y - b.y) > 0.75 * (reach + max(b.length, b.depth) / 2) for b in out
+                )
                 heading = np.radians(spec.heading) if spec.heading is not None else rng.uniform(0, np.pi)
                 if clear and not _on_strip(terrain, x, y, reach):
                     out.append(_house(spec, x, y, heading, size, rng, place, terrain, place.glow))
@@ -145,7 +161,9 @@ def _on_strip(terrain: Terrain, x: float, y: float, margin: float) -> bool:
     return False
 
 
-def _planted(place: Environment, terrain: Terrain, houses: list[Building], rng: np.random.Generator) -> list[Plant]:
+def _planted(
+    place: Environment, terrain: Terrain, houses: list[Building], rng: np.random.Generator
+) -> list[Plant]:
     out = []
     groves = fbm_tile(1024, 1.5, 140 + terrain.seed)
     for spec in place.plants:
@@ -155,9 +173,19 @@ def _planted(place: Environment, terrain: Terrain, houses: list[Building], rng: 
             for i in range(spec.count):
                 along = (i - spec.count / 2 + 0.5) * pitch + rng.normal() * 0.04 * pitch
                 side = offset + rng.normal() * 0.03 * pitch
-                spots.append((along * np.cos(heading) - side * np.sin(heading), along * np.sin(heading) + side * np.cos(heading)))
+                spots.append(
+                    (
+                        along * np.cos(heading) - side * np.sin(heading),
+                        along * np.sin(heading) + side * np.cos(heading),
+                    )
+                )
         else:
-            points = np.array([_sector_point(rng, spec.near, spec.far, spec.facing, spec.sector) for _ in range(spec.count * 12)])
+            points = np.array(
+                [
+                    _sector_point(rng, spec.near, spec.far, spec.facing, spec.sector)
+                    for _ in range(spec.count * 12)
+                ]
+            )
             x, y = points.T[:, None].astype(np.float32)
             dense = look(groves, x, y, max(60.0, 1.4 * spec.far))[0]
             grows = rng.random(len(points)) < spec.clump / (1 + np.exp(-6 * (dense - 0.6))) + 1 - spec.clump
@@ -166,7 +194,11 @@ def _planted(place: Environment, terrain: Terrain, houses: list[Building], rng: 
         sunk = 0.16 if spec.kind == "rock" else 0.01
         for x, y in spots:
             height = rng.uniform(*spec.height)
-            variant, mirrored, colour = int(rng.integers(4)), bool(rng.random() < 0.5), spec.colours[int(rng.integers(len(spec.colours)))]
+            variant, mirrored, colour = (
+                int(rng.integers(4)),
+                bool(rng.random() < 0.5),
+                spec.colours[int(rng.integers(len(spec.colours)))],
+            )
             shade = rng.uniform(0.8, 1.2)
             distance = np.hypot(x, y)
             if not spec.near <= distance <= spec.far:
@@ -176,7 +208,18 @@ def _planted(place: Environment, terrain: Terrain, houses: list[Building], rng: 
             if any(_inside(b, x, y, min(3.0, 0.3 * height * wide)) for b in houses):
                 continue
             ground = float(terrain.height(np.array([[x]], np.float32), np.array([[y]], np.float32))[0, 0])
-            out.append(Plant(grow(spec.kind, variant), x, y, height, np.array(colour) * shade, ground - sunk * height, mirrored, spec.snow))
+            out.append(
+                Plant(
+                    grow(spec.kind, variant),
+                    x,
+                    y,
+                    height,
+                    np.array(colour) * shade,
+                    ground - sunk * height,
+                    mirrored,
+                    spec.snow,
+                )
+            )
     return out
 
 
@@ -194,14 +237,24 @@ def _props(place: Environment, terrain: Terrain, rng: np.random.Generator) -> li
             turn = np.radians(heading)
             for along in np.arange(start, stop, pitch):
                 if rng.random() < share:
-                    x, y = along * np.cos(turn) - offset * np.sin(turn), along * np.sin(turn) + offset * np.cos(turn)
-                    lean = (0 if way == "along" else np.pi / 2) + np.pi * int(rng.integers(2)) + rng.normal() * 0.03
+                    x, y = (
+                        along * np.cos(turn) - offset * np.sin(turn),
+                        along * np.sin(turn) + offset * np.cos(turn),
+                    )
+                    lean = (
+                        (0 if way == "along" else np.pi / 2)
+                        + np.pi * int(rng.integers(2))
+                        + rng.normal() * 0.03
+                    )
                     out += props.car(x, y, turn + lean, rng)
         elif name == "lamps":  # heading, offset, from, to, spacing, height
             heading, offset, start, stop, pitch, height = values
             turn = np.radians(heading)
             for along in np.arange(start, stop, pitch):
-                x, y = along * np.cos(turn) - offset * np.sin(turn), along * np.sin(turn) + offset * np.cos(turn)
+                x, y = (
+                    along * np.cos(turn) - offset * np.sin(turn),
+                    along * np.sin(turn) + offset * np.cos(turn),
+                )
                 out += props.lamp(x, y, turn - np.sign(offset) * np.pi / 2, height, 4 * place.glow)
         elif name == "power":
             out += props.power_line(np.radians(values[0]), *values[1:], ground=terrain.height)
@@ -223,7 +276,9 @@ def _props(place: Environment, terrain: Terrain, rng: np.random.Generator) -> li
             out += props.fence(*values)
         elif name == "pylon":
             x, y, heading, height = values
-            out += props.pylon(x, y, heading, height, float(terrain.height(np.array([[x]]), np.array([[y]]))[0, 0]))
+            out += props.pylon(
+                x, y, heading, height, float(terrain.height(np.array([[x]]), np.array([[y]]))[0, 0])
+            )
         else:
             out += getattr(props, name)(*values)
     return out
@@ -236,7 +291,9 @@ def paint(place: Environment, height: int, seed: int) -> np.ndarray:
     field_seed = int(rng.integers(1, 10_000))
     canvas = Canvas(height, place.eye)
     canvas.visibility = place.visibility
-    sky = Sky(np.radians(place.sun_azimuth), np.radians(place.sun_elevation), place.haze, place.clouds, field_seed)
+    sky = Sky(
+        np.radians(place.sun_azimuth), np.radians(place.sun_elevation), place.haze, place.clouds, field_seed
+    )
     sky.paint(canvas)
     light = sky.light
     terrain = Terrain(place.relief, place.surface, place.strips, light, field_seed)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from .canvas import Canvas
-from .noise import fbm_tile, look, smooth
+from dronekeypp.environments.canvas import Canvas
+from dronekeypp.environments.noise import fbm_tile, look, smooth
 
 # Scattering at sea level, 1/m, for R, G, B; scale heights in metres (Nishita et al. 1993; Bruneton and Neyret 2008).
 _RAYLEIGH = np.array([5.8e-6, 13.5e-6, 33.1e-6])
@@ -44,7 +44,9 @@ class Daylight:
     sky_colour: np.ndarray
 
 
-def _depths(height: np.ndarray, cosine: np.ndarray, steps: int = 10) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _depths(
+    height: np.ndarray, cosine: np.ndarray, steps: int = 10
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Optical lengths (Rayleigh, haze, ozone; metres of sea-level air) from a height towards a direction with this
     cosine to the zenith.
     """
@@ -77,7 +79,13 @@ def scattered(elevation: float, haze: float, rows: int = 72, columns: int = 91) 
     cosine = np.sin(theta) * np.sin(elevation) + np.cos(theta) * np.cos(elevation) * np.cos(away)
     rayleigh_phase = 3 / (16 * np.pi) * (1 + cosine**2)
     g = 0.78
-    mie_phase = 3 / (8 * np.pi) * (1 - g * g) * (1 + cosine**2) / ((2 + g * g) * np.power(1 + g * g - 2 * g * cosine, 1.5))
+    mie_phase = (
+        3
+        / (8 * np.pi)
+        * (1 - g * g)
+        * (1 + cosine**2)
+        / ((2 + g * g) * np.power(1 + g * g - 2 * g * cosine, 1.5))
+    )
     reach = -_EARTH * up + np.sqrt(_EARTH**2 * (up**2 - 1) + _TOP**2)
     radiance = np.zeros((rows, columns, 3))
     path = [0.0, 0.0, 0.0]
@@ -91,13 +99,18 @@ def scattered(elevation: float, haze: float, rows: int = 72, columns: int = 91) 
         ozone = np.maximum(0, 1 - np.abs(h - 25000) / 15000) * ds
         seen = _through((path[0] + air / 2, path[1] + mist / 2, path[2] + ozone / 2), haze)
         path = [path[0] + air, path[1] + mist, path[2] + ozone]
-        sun_up = (_EARTH * np.sin(elevation) + s * cosine) / radius  # cosine of the sun's zenith angle over there
+        sun_up = (
+            _EARTH * np.sin(elevation) + s * cosine
+        ) / radius  # cosine of the sun's zenith angle over there
         lit = _through(_depths(h, np.maximum(sun_up, -0.1)), haze) * smooth(-0.12, 0.02, sun_up)[..., None]
         # Light scattered more than once, roughly: an even glow that follows the sunlight of the layer.
         again = 0.03 * (lit.mean(-1, keepdims=True) * 0.5 + lit * 0.5 + 0.02)
         single_air = air[..., None] * _RAYLEIGH
         single_mist = (mist * _MIE * haze)[..., None]
-        radiance += seen * (single_air * (rayleigh_phase[..., None] * lit + again) + single_mist * (mie_phase[..., None] * lit + again))
+        radiance += seen * (
+            single_air * (rayleigh_phase[..., None] * lit + again)
+            + single_mist * (mie_phase[..., None] * lit + again)
+        )
     return radiance
 
 
@@ -110,7 +123,9 @@ class Sky:
     def __init__(self, azimuth: float, elevation: float, haze: float, clouds: Clouds, seed: int):
         self.azimuth, self.elevation, self.clouds, self.seed = azimuth, elevation, clouds, seed
         self.table = (38 * scattered(elevation, haze)).astype(np.float32)
-        sun = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+        sun = np.array(
+            [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+        )
         direct = 18 * _through(_depths(np.zeros(1), np.full(1, max(sun[2], 0.005))), haze)[0]
         if elevation < 0:
             direct *= 0
@@ -119,14 +134,22 @@ class Sky:
         clear = 2 * np.pi * np.einsum("r,rc->c", weight, self.table.mean(1))
         grey = (direct * max(sun[2], 0.05) * 0.55 + clear * 0.9).mean() * np.array([0.96, 1.0, 1.05])
         self.overcast = grey / np.pi * 0.9  # mean radiance of a closed ceiling
-        self.light = Daylight(sun, direct * (1 - clouds.cover) ** 2, clear * (1 - clouds.cover) + grey * clouds.cover)
+        self.light = Daylight(
+            sun, direct * (1 - clouds.cover) ** 2, clear * (1 - clouds.cover) + grey * clouds.cover
+        )
 
     def clear(self, theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
         """Radiance (..., 3) of the cloudless sky in these directions (2-D arrays)."""
         away = np.abs((phi - self.azimuth + np.pi) % (2 * np.pi) - np.pi)
         rows = np.sqrt(np.clip(theta, 0, None) / (np.pi / 2)) * (self.table.shape[0] - 1)
         columns = away / np.pi * (self.table.shape[1] - 1)
-        return cv2.remap(self.table, columns.astype(np.float32), rows.astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return cv2.remap(
+            self.table,
+            columns.astype(np.float32),
+            rows.astype(np.float32),
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
 
     def paint(self, canvas: Canvas) -> None:
         """Fill everything from a little under the horizon upwards; set the canvas's airlight."""
@@ -153,21 +176,30 @@ class Sky:
         canvas.airlight = np.minimum(air, 2.5 * np.median(air, 0)).astype(np.float32)
 
     def _glare(self, theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
-        cosine = np.sin(theta) * np.sin(self.elevation) + np.cos(theta) * np.cos(self.elevation) * np.cos(phi - self.azimuth)
+        cosine = np.sin(theta) * np.sin(self.elevation) + np.cos(theta) * np.cos(self.elevation) * np.cos(
+            phi - self.azimuth
+        )
         angle = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
         disc = 60 * smooth(0.55, 0.22, angle) + 1.1 / (0.35 + angle**2) + 0.045 * np.exp(-angle / 5)
-        return (disc[..., None] * (self.light.sun_colour * 0.8 + 0.2 * self.light.sun_colour.max())).astype(np.float32)
+        return (disc[..., None] * (self.light.sun_colour * 0.8 + 0.2 * self.light.sun_colour.max())).astype(
+            np.float32
+        )
 
     def _ceiling(self, theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
         """Grey closed cloud: brighter overhead (CIE: 1 + 2 sin), mottled, a hint of where the sun is."""
         up = np.sin(np.maximum(theta, 0.0))
         reach = 1500 / np.maximum(up + 0.035, 0.02)
-        x, y = (reach * np.cos(theta) * np.cos(phi)).astype(np.float32), (reach * np.cos(theta) * np.sin(phi)).astype(np.float32)
+        x, y = (
+            (reach * np.cos(theta) * np.cos(phi)).astype(np.float32),
+            (reach * np.cos(theta) * np.sin(phi)).astype(np.float32),
+        )
         tile = fbm_tile(1024, 1.7, self.seed + 5)
         warp = look(tile, x + 900, y, 21000) * 700
         mottle = look(tile, x + warp, y, 9000) * 0.6 + look(tile, x, y + warp, 2900) * 0.3
         mottle *= smooth(0.0, 0.25, up)
-        cosine = np.sin(theta) * np.sin(self.elevation) + np.cos(theta) * np.cos(self.elevation) * np.cos(phi - self.azimuth)
+        cosine = np.sin(theta) * np.sin(self.elevation) + np.cos(theta) * np.cos(self.elevation) * np.cos(
+            phi - self.azimuth
+        )
         glow = 0.55 * np.exp((cosine - 1) * 5)
         level = (1 + 1.4 * up) / 2.0 * (1 + 0.17 * mottle) * (0.9 + glow)
         tint = self.overcast * (1 + 0.05 * np.clip(mottle, -2, 2)[..., None] * np.array([1, 0.3, -0.8]))
@@ -189,7 +221,11 @@ class Sky:
         theta = ((0.5 - ((np.arange(rows) + 0.5) * step) / canvas.height) * np.pi).astype(np.float32)
         for top in range(0, rows, 96):
             t, p = np.meshgrid(theta[top : top + 96], phi, indexing="ij")
-            c, a = self._cirrus(t, p) if clouds.cirrus else (np.zeros((*t.shape, 3), np.float32), np.zeros_like(t))
+            c, a = (
+                self._cirrus(t, p)
+                if clouds.cirrus
+                else (np.zeros((*t.shape, 3), np.float32), np.zeros_like(t))
+            )
             if clouds.cumulus:
                 heap, b = self._cumulus(t, p)
                 total = b + a * (1 - b)
@@ -197,20 +233,30 @@ class Sky:
                 a = total
             colour[top : top + 96], opacity[top : top + 96] = c, a
         size = (canvas.width, ground)
-        colour, opacity = (cv2.GaussianBlur(c, (0, 0), 0.8) for c in (colour, opacity))  # the march's jitter leaves grain
+        colour, opacity = (
+            cv2.GaussianBlur(c, (0, 0), 0.8) for c in (colour, opacity)
+        )  # the march's jitter leaves grain
         opacity = np.clip(cv2.resize(opacity, size, interpolation=cv2.INTER_CUBIC), 0, 1)
         return cv2.resize(colour, size, interpolation=cv2.INTER_LINEAR), opacity
 
     def _cirrus(self, theta: np.ndarray, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         up = np.sin(np.maximum(theta, 0.001))
         reach = 8000 / (up + 0.06)
-        x, y = (reach * np.cos(theta) * np.cos(phi)).astype(np.float32), (reach * np.cos(theta) * np.sin(phi)).astype(np.float32)
+        x, y = (
+            (reach * np.cos(theta) * np.cos(phi)).astype(np.float32),
+            (reach * np.cos(theta) * np.sin(phi)).astype(np.float32),
+        )
         tile = fbm_tile(1024, 1.6, self.seed + 3)
         bend = look(tile, x, y, 90e3) * 4000
-        streak = look(tile, x * 0.35 + bend, y * 1.3 + bend * 0.6, 30e3) * 0.7 + look(tile, x * 0.5, y + bend, 9e3) * 0.35
+        streak = (
+            look(tile, x * 0.35 + bend, y * 1.3 + bend * 0.6, 30e3) * 0.7
+            + look(tile, x * 0.5, y + bend, 9e3) * 0.35
+        )
         patch = smooth(-0.6, 1.2, look(tile, y, x, 70e3))
         opacity = self.clouds.cirrus * smooth(-0.3, 2.2, streak) * patch * smooth(0.0, 0.1, up)
-        cosine = np.sin(theta) * np.sin(self.elevation) + np.cos(theta) * np.cos(self.elevation) * np.cos(phi - self.azimuth)
+        cosine = np.sin(theta) * np.sin(self.elevation) + np.cos(theta) * np.cos(self.elevation) * np.cos(
+            phi - self.azimuth
+        )
         bright = 0.10 + 0.12 * np.exp((cosine - 1) * 4)
         sun = self.light.sun_colour
         colour = bright[..., None] * (sun + 0.15 * sun.mean()) + 0.5 * self.light.sky_colour / np.pi
@@ -221,12 +267,18 @@ class Sky:
         shade.
         """
         clouds = self.clouds
-        up = np.sin(np.maximum(theta, 0.012)) + 0.008  # the earth's curve brings far clouds down to, not through, the horizon
+        up = (
+            np.sin(np.maximum(theta, 0.012)) + 0.008
+        )  # the earth's curve brings far clouds down to, not through, the horizon
         broad, fine = fbm_tile(1024, 2.1, self.seed + 1), fbm_tile(1024, 1.5, self.seed + 2)
         threshold = np.quantile(broad[::8, ::8], 1 - clouds.cumulus)
-        towards = (self.light.sun[:2] / max(float(np.linalg.norm(self.light.sun[:2])), 1e-6) * 220).astype(np.float32)
+        towards = (self.light.sun[:2] / max(float(np.linalg.norm(self.light.sun[:2])), 1e-6) * 220).astype(
+            np.float32
+        )
         direct, ambient = self.light.sun_colour, self.light.sky_colour / np.pi
-        cosine = np.sin(theta) * np.sin(self.elevation) + np.cos(theta) * np.cos(self.elevation) * np.cos(phi - self.azimuth)
+        cosine = np.sin(theta) * np.sin(self.elevation) + np.cos(theta) * np.cos(self.elevation) * np.cos(
+            phi - self.azimuth
+        )
         phase = (0.11 + 0.25 * np.exp((cosine - 1) * 9))[..., None].astype(np.float32)
         clear = np.ones_like(theta)
         colour = np.zeros((*theta.shape, 3), np.float32)
@@ -238,7 +290,10 @@ class Sky:
             level = (i + jitter) / steps
             z = clouds.base + level * clouds.thickness
             x, y = (z * cx).astype(np.float32), (z * cy).astype(np.float32)
-            detail = look(fine, x + 0.6 * z, y - 0.4 * z, clouds.scale * 0.11) * 0.13 + look(fine, x - z, y, clouds.scale * 0.031) * 0.06
+            detail = (
+                look(fine, x + 0.6 * z, y - 0.4 * z, clouds.scale * 0.11) * 0.13
+                + look(fine, x - z, y, clouds.scale * 0.031) * 0.06
+            )
             heap = look(broad, x, y, clouds.scale) - threshold + detail
             density = np.clip(heap - 1.1 * level**1.3 - 0.02, 0, None) * smooth(0, 0.12, level)
             sunward = look(broad, x + towards[0], y + towards[1], clouds.scale) - threshold + detail * 1.3

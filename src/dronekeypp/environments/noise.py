@@ -13,7 +13,9 @@ from scipy.spatial import cKDTree
 
 
 @lru_cache(maxsize=20)
-def fbm_tile(size: int = 1024, slope: float = 1.8, seed: int = 0, low: float = 1.0, high: float = 1e9) -> np.ndarray:
+def fbm_tile(
+    size: int = 1024, slope: float = 1.8, seed: int = 0, low: float = 1.0, high: float = 1e9
+) -> np.ndarray:
     """A (size, size) float32 tile of fractal noise: mean 0, deviation 1, seamless.
 
     slope: amplitude falls as frequency ** -slope. low, high: band in cycles a tile; a narrow band is one octave.
@@ -29,12 +31,18 @@ def fbm_tile(size: int = 1024, slope: float = 1.8, seed: int = 0, low: float = 1
 
 
 @lru_cache(maxsize=10)
-def cell_tile(size: int = 1024, cells: int = 60, seed: int = 0, jitter: float = 0.9) -> tuple[np.ndarray, np.ndarray]:
+def cell_tile(
+    size: int = 1024, cells: int = 60, seed: int = 0, jitter: float = 0.9
+) -> tuple[np.ndarray, np.ndarray]:
     """Voronoi cells, seamless: (how far inside its cell, a random shade a cell), both mean 0, deviation 1."""
     rng = np.random.default_rng((seed, cells, 11))
     grid = np.stack(np.meshgrid(np.arange(cells), np.arange(cells), indexing="ij"), -1).reshape(-1, 2)
     points = (grid + 0.5 + jitter * (rng.random(grid.shape) - 0.5)) % cells
-    where = (np.stack(np.meshgrid(np.arange(size), np.arange(size), indexing="ij"), -1).reshape(-1, 2) + 0.5) * cells / size
+    where = (
+        (np.stack(np.meshgrid(np.arange(size), np.arange(size), indexing="ij"), -1).reshape(-1, 2) + 0.5)
+        * cells
+        / size
+    )
     distance, index = cKDTree(points, boxsize=cells).query(where, k=2)
     inside = np.minimum(distance[:, 1] - distance[:, 0], 0.35)
     shade = rng.random(len(points))[index[:, 0]]
@@ -56,7 +64,11 @@ def blade_tile(size: int = 2048, blades: int = 60000, length: float = 0.02, seed
     thick = 1 + (rng.random(blades) < 0.35)
     for a, b, s, w in zip((start * 8).astype(int), (end * 8).astype(int), shade, thick, strict=True):
         cv2.line(tile, a.tolist(), b.tolist(), float(s), int(w), cv2.LINE_AA, 3)
-        wrapped = [(dx, dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1) if dx or dy] if (b.min() < 0 or b.max() >= size * 8) else []
+        wrapped = (
+            [(dx, dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1) if dx or dy]
+            if (b.min() < 0 or b.max() >= size * 8)
+            else []
+        )
         for dx, dy in wrapped:
             shift = np.array([dx, dy]) * size * 8
             cv2.line(tile, (a + shift).tolist(), (b + shift).tolist(), float(s), int(w), cv2.LINE_AA, 3)
@@ -92,10 +104,14 @@ def look(tile: np.ndarray, x: np.ndarray, y: np.ndarray, period: float, level: i
     u *= size
     v *= size
     # Own modulo above: cv2.remap keeps whole pixels in 16 bits.
-    return cv2.remap(tile, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    return cv2.remap(
+        tile, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP
+    )
 
 
-def look_fading(tile: np.ndarray, x: np.ndarray, y: np.ndarray, period: float, footprint: np.ndarray) -> np.ndarray:
+def look_fading(
+    tile: np.ndarray, x: np.ndarray, y: np.ndarray, period: float, footprint: np.ndarray
+) -> np.ndarray:
     """As `look`, but each row picks the halving that fits its pixels' footprint (metres, one a row), so that nothing
     aliases or shimmers.
 

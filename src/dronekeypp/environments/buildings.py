@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from .canvas import Canvas
-from .noise import fbm_tile, look, smooth
-from .shadows import Shadows
-from .sky import Daylight
+from dronekeypp.environments.canvas import Canvas
+from dronekeypp.environments.noise import fbm_tile, look, smooth
+from dronekeypp.environments.shadows import Shadows
+from dronekeypp.environments.sky import Daylight
 
 _OVER = 4  # columns are cast four times as dense, for clean edges
 
@@ -43,17 +43,66 @@ FACADES: dict[str, Facade] = {
     "brick": Facade((0.25, 0.115, 0.075), (1.15, 1.6), (2.6, 3.2), bands="brick", roof=(0.14, 0.12, 0.115)),
     "old_brick": Facade((0.20, 0.10, 0.07), (1.5, 2.0), (3.4, 3.9), bands="brick", roof=(0.11, 0.10, 0.10)),
     "stone": Facade((0.33, 0.30, 0.25), (1.2, 2.1), (2.9, 4.0), bands="panel", roof=(0.12, 0.125, 0.13)),
-    "glass": Facade((0.16, 0.17, 0.18), (1.38, 3.2), (1.5, 3.6), sill=0.2, glass=0.75, bands="", frame=0.04, plinth=0.3, lit=0.4),
-    "office": Facade((0.36, 0.36, 0.36), (2.5, 1.9), (2.9, 3.5), sill=0.9, glass=0.5, bands="panel", frame=0.05, lit=0.4),
+    "glass": Facade(
+        (0.16, 0.17, 0.18),
+        (1.38, 3.2),
+        (1.5, 3.6),
+        sill=0.2,
+        glass=0.75,
+        bands="",
+        frame=0.04,
+        plinth=0.3,
+        lit=0.4,
+    ),
+    "office": Facade(
+        (0.36, 0.36, 0.36), (2.5, 1.9), (2.9, 3.5), sill=0.9, glass=0.5, bands="panel", frame=0.05, lit=0.4
+    ),
     "slab": Facade((0.44, 0.43, 0.41), (1.8, 1.45), (3.1, 2.8), bands="panel"),
-    "shed": Facade((0.36, 0.39, 0.41), (2.2, 0.9), (9.0, 9.0), sill=4.2, bands="ribs", roof=(0.3, 0.31, 0.32), plinth=0.9),
-    "red_shed": Facade((0.26, 0.06, 0.045), (1.0, 1.0), (5.0, 7.0), sill=1.2, bands="ribs", roof=(0.2, 0.19, 0.185), plinth=0.3),
-    "timber": Facade((0.16, 0.095, 0.055), (1.0, 1.1), (2.6, 2.7), bands="ribs", roof=(0.13, 0.11, 0.10), plinth=0.8),
-    "frame": Facade((0.34, 0.335, 0.32), (4.2, 2.75), (4.7, 3.3), sill=0.0, glass=0.0, bands="open", frame=0.0, plinth=0.0, lit=0.0),
-    "wall": Facade((0.36, 0.345, 0.32), (0.0, 0.0), (9.0, 9.0), bands="panel", roof=(0.34, 0.33, 0.31), plinth=0.0),
-    "stand": Facade((0.40, 0.40, 0.40), (5.4, 2.4), (6.0, 4.6), sill=1.4, glass=0.25, bands="open", roof=(0.55, 0.56, 0.57), plinth=1.5),
-    "hedge": Facade((0.035, 0.06, 0.02), (0.0, 0.0), (9.0, 9.0), bands="hedge", roof=(0.045, 0.08, 0.025), plinth=0.0),
-    "container": Facade((0.20, 0.07, 0.04), (0.0, 0.0), (9.0, 9.0), bands="ribs", roof=(0.2, 0.08, 0.05), plinth=0.0),
+    "shed": Facade(
+        (0.36, 0.39, 0.41), (2.2, 0.9), (9.0, 9.0), sill=4.2, bands="ribs", roof=(0.3, 0.31, 0.32), plinth=0.9
+    ),
+    "red_shed": Facade(
+        (0.26, 0.06, 0.045),
+        (1.0, 1.0),
+        (5.0, 7.0),
+        sill=1.2,
+        bands="ribs",
+        roof=(0.2, 0.19, 0.185),
+        plinth=0.3,
+    ),
+    "timber": Facade(
+        (0.16, 0.095, 0.055), (1.0, 1.1), (2.6, 2.7), bands="ribs", roof=(0.13, 0.11, 0.10), plinth=0.8
+    ),
+    "frame": Facade(
+        (0.34, 0.335, 0.32),
+        (4.2, 2.75),
+        (4.7, 3.3),
+        sill=0.0,
+        glass=0.0,
+        bands="open",
+        frame=0.0,
+        plinth=0.0,
+        lit=0.0,
+    ),
+    "wall": Facade(
+        (0.36, 0.345, 0.32), (0.0, 0.0), (9.0, 9.0), bands="panel", roof=(0.34, 0.33, 0.31), plinth=0.0
+    ),
+    "stand": Facade(
+        (0.40, 0.40, 0.40),
+        (5.4, 2.4),
+        (6.0, 4.6),
+        sill=1.4,
+        glass=0.25,
+        bands="open",
+        roof=(0.55, 0.56, 0.57),
+        plinth=1.5,
+    ),
+    "hedge": Facade(
+        (0.035, 0.06, 0.02), (0.0, 0.0), (9.0, 9.0), bands="hedge", roof=(0.045, 0.08, 0.025), plinth=0.0
+    ),
+    "container": Facade(
+        (0.20, 0.07, 0.04), (0.0, 0.0), (9.0, 9.0), bands="ribs", roof=(0.2, 0.08, 0.05), plinth=0.0
+    ),
 }
 
 
@@ -94,7 +143,9 @@ class Building:
         foot, fall = self.corners(), shadows.stretch()
         points = [foot, foot + fall * self.height]
         if self.rise:
-            ridge = np.array([(foot[0] + foot[3]) / 2, (foot[1] + foot[2]) / 2]) + fall * (self.height + self.rise)
+            ridge = np.array([(foot[0] + foot[3]) / 2, (foot[1] + foot[2]) / 2]) + fall * (
+                self.height + self.rise
+            )
             points.append(ridge)
         shadows.polygon(cv2.convexHull(np.concatenate(points).astype(np.float32))[:, 0])
 
@@ -113,7 +164,11 @@ class Building:
         eye, top_z = canvas.eye - self.ground, self.height
         with np.errstate(invalid="ignore", divide="ignore"):
             peak = np.maximum((profile[0] - eye) / near, (profile[1] - eye) / far)
-            peak = np.where(profile[3] > 0, np.maximum(peak, (top_z + self.rise - eye) / np.maximum(profile[3], 1e-3)), peak)
+            peak = np.where(
+                profile[3] > 0,
+                np.maximum(peak, (top_z + self.rise - eye) / np.maximum(profile[3], 1e-3)),
+                peak,
+            )
         upper = np.where(hit, canvas.row(np.arctan(peak)), 1e9)
         lower = np.where(hit, canvas.row(np.arctan(-eye / near)), -1e9)
         first = int(np.floor(upper.min()))
@@ -177,7 +232,9 @@ class Building:
         shade = np.clip(0.75 + 0.25 * z / 4, 0.55, 1)[..., None]  # a street is darker down at its foot
         radiance = albedo / np.pi * (sunny * light.sun_colour + shade * ambient)
         if glass.any():
-            radiance = radiance + glass[..., None] * (self._mirror(canvas, columns, rows, normals, along, z) - radiance)
+            radiance = radiance + glass[..., None] * (
+                self._mirror(canvas, columns, rows, normals, along, z) - radiance
+            )
         radiance += (lit * self.glow)[..., None] * np.array([1.0, 0.72, 0.40])
         # The roof, where the ray passes over the wall.
         over = z > wall_top
@@ -185,10 +242,14 @@ class Building:
             ob, db, k = self._slope
             db, k = db[index[0].astype(int)][None], k[index[0].astype(int)][None]
             if self.rise:
-                t = (self.height + self.rise - k * ob - eye) / np.where(np.abs(tangent + k * db) < 1e-6, 1e-6, tangent + k * db)
+                t = (self.height + self.rise - k * ob - eye) / np.where(
+                    np.abs(tangent + k * db) < 1e-6, 1e-6, tangent + k * db
+                )
                 up = np.array([0, 0, 1.0]) * self.depth / 2
                 sign = np.sign(k)[0][:, None]
-                normal = (np.array([-s, c, 0])[None] * sign * self.rise + up) / np.hypot(self.rise, self.depth / 2)
+                normal = (np.array([-s, c, 0])[None] * sign * self.rise + up) / np.hypot(
+                    self.rise, self.depth / 2
+                )
             else:
                 t = (self.height - eye) / np.where(np.abs(tangent) < 1e-6, 1e-6, tangent)
                 normal = np.tile([0, 0, 1.0], (len(columns), 1))
@@ -207,7 +268,12 @@ class Building:
             roof = roof + self.snow * (np.array([0.78, 0.8, 0.84], np.float32) - roof)
         tile = fbm_tile(1024, 1.2, 160)
         rough = look(tile, (along + 0 * z).astype(np.float32), (z * 2.0).astype(np.float32), 9.0)
-        course = np.sin(z * (2 * np.pi / 0.19)) * np.clip(1 - soft / 0.08, 0, 1) * (self.rise > 0) * (1 - self.snow)
+        course = (
+            np.sin(z * (2 * np.pi / 0.19))
+            * np.clip(1 - soft / 0.08, 0, 1)
+            * (self.rise > 0)
+            * (1 - self.snow)
+        )
         return roof * np.exp(0.13 * rough + 0.18 * course)[..., None]
 
     def _facade(self, along, z, span, top, soft, side):
@@ -220,13 +286,19 @@ class Building:
         streak = look(tile, (s * 3 + phase).astype(np.float32), (z * 0.25).astype(np.float32), 19.0)
         tone = 0.07 * grime + 0.05 * streak
         if f.bands == "hedge":
-            leaves = look(fbm_tile(1024, 0.35, 162), (s + phase).astype(np.float32), z.astype(np.float32), 4.0)
+            leaves = look(
+                fbm_tile(1024, 0.35, 162), (s + phase).astype(np.float32), z.astype(np.float32), 4.0
+            )
             tone = 0.55 * leaves + 0.25 * grime
         elif f.bands == "brick":
             course = np.floor(z / 0.075)
-            joint = np.maximum(_line(z, 0.075, 0.012, soft), _line(s + (course % 2) * 0.12, 0.24, 0.012, soft))
+            joint = np.maximum(
+                _line(z, 0.075, 0.012, soft), _line(s + (course % 2) * 0.12, 0.24, 0.012, soft)
+            )
             which = np.sin(np.floor((s + (course % 2) * 0.12) / 0.24) * 12.99 + course * 78.2) * 43758.5
-            tone = tone + 0.35 * (which - np.floor(which) - 0.5) * np.clip(1.2 - soft / 0.1, 0, 1) + 0.5 * joint
+            tone = (
+                tone + 0.35 * (which - np.floor(which) - 0.5) * np.clip(1.2 - soft / 0.1, 0, 1) + 0.5 * joint
+            )
         elif f.bands == "ribs":
             tone = tone + 0.16 * np.sin(s * (2 * np.pi / 0.3)) * np.clip(1 - soft / 0.14, 0, 1)
         elif f.bands == "panel":
@@ -235,8 +307,17 @@ class Building:
         albedo = np.asarray(f.wall, np.float32) * np.exp(tone)[..., None]
         low = smooth(f.plinth + 0.03, f.plinth - 0.03, z) * (f.plinth > 0)
         albedo = albedo * (1 - 0.45 * low)[..., None]
-        cornice = np.clip((0.35 - np.abs(top - 0.2 - z)) / soft, 0, 1) * (f.bands not in ("hedge", "ribs", "open"))
-        albedo = albedo * (1 + 0.18 * cornice - 0.35 * np.clip((0.12 - np.abs(top - 0.62 - z)) / soft, 0, 1) * (cornice < 1))[..., None]
+        cornice = np.clip((0.35 - np.abs(top - 0.2 - z)) / soft, 0, 1) * (
+            f.bands not in ("hedge", "ribs", "open")
+        )
+        albedo = (
+            albedo
+            * (
+                1
+                + 0.18 * cornice
+                - 0.35 * np.clip((0.12 - np.abs(top - 0.62 - z)) / soft, 0, 1) * (cornice < 1)
+            )[..., None]
+        )
         nothing = np.zeros_like(z)
         if f.window[0] <= 0:
             return albedo, nothing, nothing
@@ -253,7 +334,9 @@ class Building:
             & ((np.floor(storey) + 1) * f.pitch[1] <= top - 0.25 + 0.05 * (f.bands == "open"))
         )
         hole = (
-            np.clip((f.window[0] / 2 - np.abs(du)) / soft + 0.5, 0, 1) * np.clip((f.window[1] / 2 - np.abs(dv)) / soft + 0.5, 0, 1) * inside
+            np.clip((f.window[0] / 2 - np.abs(du)) / soft + 0.5, 0, 1)
+            * np.clip((f.window[1] / 2 - np.abs(dv)) / soft + 0.5, 0, 1)
+            * inside
         )
         fade = np.clip(1.5 - soft / (0.5 * f.pitch[0]), 0, 1)
         hole = hole * fade + (1 - fade) * 0.3 * inside
@@ -274,7 +357,9 @@ class Building:
             curtain = (random > 0.62) * smooth(-0.5, 0.3, dv / f.window[1] + (random - 0.8) * 3)
             room = (0.025 + 0.28 * curtain * (random > 0.62))[..., None] * np.array([1.0, 0.98, 0.93])
         rim = (
-            np.array([0.55, 0.54, 0.52]) if sum(f.wall) < 1.2 and f.bands == "brick" or f.bands == "plaster" else np.asarray(f.wall) * 0.55
+            np.array([0.55, 0.54, 0.52])
+            if sum(f.wall) < 1.2 and f.bands == "brick" or f.bands == "plaster"
+            else np.asarray(f.wall) * 0.55
         )
         rim = rim if f.bands != "open" else np.asarray(f.wall)
         opening = rim + pane[..., None] * (room - rim)
@@ -288,13 +373,20 @@ class Building:
         phi = (0.5 - (columns + 0.5) / canvas.width) * 2 * np.pi
         wall = np.arctan2(normals[:, 1], normals[:, 0])
         mirrored = (2 * wall - phi + np.pi)[None]
-        pane = np.sin(np.floor(along / f.pitch[0]) * 91.7 + np.floor(z / f.pitch[1]) * 57.3 + self.seed) * 1758.5453
+        pane = (
+            np.sin(np.floor(along / f.pitch[0]) * 91.7 + np.floor(z / f.pitch[1]) * 57.3 + self.seed)
+            * 1758.5453
+        )
         pane = pane - np.floor(pane) - 0.5
         theta = np.abs(canvas.theta[rows][:, None]) + 0.02 + 0.035 * pane
         u = (canvas.column(mirrored + 0.05 * pane) % canvas.width).astype(np.float32)
         v = np.clip(canvas.row(theta), 0, canvas.height // 2 - 1).astype(np.float32)
-        seen = cv2.remap(canvas.image[: canvas.height // 2], u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
-        return np.minimum(seen, 6 * max(float(np.median(seen)), 1e-3)) * np.array([0.80, 0.86, 0.88], np.float32)
+        seen = cv2.remap(
+            canvas.image[: canvas.height // 2], u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP
+        )
+        return np.minimum(seen, 6 * max(float(np.median(seen)), 1e-3)) * np.array(
+            [0.80, 0.86, 0.88], np.float32
+        )
 
 
 def _line(x, pitch, width, soft):

@@ -4,9 +4,9 @@ hours, weather and kinds.
 
 from __future__ import annotations
 
-from .scene import AUTUMN, DARK, DRY, GREENS, OLIVE, Environment, Housing, Planting
-from .sky import Clouds
-from .terrain import Relief, Strip
+from dronekeypp.environments.scene import AUTUMN, DARK, DRY, GREENS, OLIVE, Environment, Housing, Planting
+from dronekeypp.environments.sky import Clouds
+from dronekeypp.environments.terrain import Relief, Strip
 
 FIELD = Relief(hills=26, width=700, flat=120, woods=0.4)
 FLAT = Relief(hills=9, width=1200, flat=250, woods=0.3)
@@ -39,8 +39,16 @@ PLACES: tuple[Environment, ...] = (
         relief=TOWN,
         surface="paving",
         housing=(
-            Housing(("stone", "ochre", "plaster", "white"), (13, 21), (13, 24, 12, 15), (3, 6), line=(8, 46, -75, 80)),
-            Housing(("stone", "brick", "plaster"), (14, 20), (14, 26, 12, 15), (3, 6), line=(8, -38, -70, 60)),
+            Housing(
+                ("stone", "ochre", "plaster", "white"),
+                (13, 21),
+                (13, 24, 12, 15),
+                (3, 6),
+                line=(8, 46, -75, 80),
+            ),
+            Housing(
+                ("stone", "brick", "plaster"), (14, 20), (14, 26, 12, 15), (3, 6), line=(8, -38, -70, 60)
+            ),
             Housing(("ochre", "stone", "white"), (14, 19), (14, 22, 12, 15), (3, 6), line=(98, 72, -28, 34)),
             Housing(("glass", "office"), (20, 38), (22, 32, 16, 22), line=(98, -84, -30, 40), gap=(2, 6)),
             Housing(("slab", "brick", "office"), (20, 34), (18, 30, 14, 18), count=12, near=130, far=300),
@@ -59,7 +67,9 @@ PLACES: tuple[Environment, ...] = (
         clouds=Clouds(cirrus=0.3),
         surface="snow",
         exposure=1.12,
-        relief=Relief(hills=30, width=800, flat=130, woods=0.45, woods_colour=(0.055, 0.06, 0.05), snow_line=-1.0),
+        relief=Relief(
+            hills=30, width=800, flat=130, woods=0.45, woods_colour=(0.055, 0.06, 0.05), snow_line=-1.0
+        ),
         plants=(
             Planting("bare", 90, 30, 240, (7, 16), clump=0.85),
             Planting("spruce", 110, 45, 230, (8, 20), DARK, clump=0.9, snow=0.8),
@@ -76,8 +86,19 @@ PLACES: tuple[Environment, ...] = (
         surface="lawn",
         strips=(Strip("asphalt", 12, 0, 68, marks="bays", kerb=0.15),),
         housing=(
-            Housing(("shed", "white", "office"), (7, 10), (40, 70, 25, 35), line=(12, 62, -150, 160), gap=(12, 40)),
-            Housing(("brick", "slab", "plaster"), (9, 16), (18, 34, 12, 16), count=9, near=95, far=260, facing=-80, sector=170),
+            Housing(
+                ("shed", "white", "office"), (7, 10), (40, 70, 25, 35), line=(12, 62, -150, 160), gap=(12, 40)
+            ),
+            Housing(
+                ("brick", "slab", "plaster"),
+                (9, 16),
+                (18, 34, 12, 16),
+                count=9,
+                near=95,
+                far=260,
+                facing=-80,
+                sector=170,
+            ),
         ),
         plants=(
             Planting("broadleaf", 18, 30, 120, (6, 10), line=(12, -37, 11)),
@@ -101,7 +122,14 @@ PLACES: tuple[Environment, ...] = (
         surface="meadow",
         visibility=45e3,
         relief=Relief(
-            hills=60, width=600, flat=110, mountains=1900, beyond=3600, woods=0.55, woods_colour=(0.020, 0.036, 0.016), snow_line=1250
+            hills=60,
+            width=600,
+            flat=110,
+            mountains=1900,
+            beyond=3600,
+            woods=0.55,
+            woods_colour=(0.020, 0.036, 0.016),
+            snow_line=1250,
         ),
         plants=(
             Planting("spruce", 110, 60, 330, (10, 24), DARK, clump=0.95),
@@ -121,9 +149,25 @@ PLACES: tuple[Environment, ...] = (
         surface="lawn",
         strips=(Strip("concrete", 0, 1.5, 11.5), Strip("asphalt", 0, 1.5, 7.2, marks="road", kerb=0.14)),
         housing=(
-            Housing(("white", "brick", "plaster"), (4.6, 6.2), (10, 14, 8.5, 10), (2.8, 4), line=(0, 17, -120, 130), gap=(6, 13)),
-            Housing(("brick", "plaster", "white"), (4.6, 6.2), (10, 14, 8.5, 10), (2.8, 4), line=(0, -15, -120, 130), gap=(6, 13)),
-            Housing(("white", "plaster", "brick"), (4.6, 6), (10, 13, 9, 10), (3, 4), count=20, near=60, far=190),
+            Housing(
+                ("white", "brick", "plaster"),
+                (4.6, 6.2),
+                (10, 14, 8.5, 10),
+                (2.8, 4),
+                line=(0, 17, -120, 130),
+                gap=(6, 13),
+            ),
+            Housing(
+                ("brick", "plaster", "white"),
+                (4.6, 6.2),
+                (10, 14, 8.5, 10),
+                (2.8, 4),
+                line=(0, -15, -120, 130),
+                gap=(6, 13),
+            ),
+            Housing(
+                ("white", "plaster", "brick"), (4.6, 6), (10, 13, 9, 10), (3, 4), count=20, near=60, far=190
+            ),
         ),
         plants=(
             Planting("broadleaf", 20, 9, 130, (5.5, 9), line=(0, 9.6, 13)),
@@ -147,7 +191,15 @@ PLACES: tuple[Environment, ...] = (
         clouds=Clouds(cirrus=0.25),
         surface="desert",
         visibility=30e3,
-        relief=Relief(hills=45, width=1500, flat=200, mountains=900, beyond=3400, woods=0.0, rock_colour=(0.27, 0.165, 0.105)),
+        relief=Relief(
+            hills=45,
+            width=1500,
+            flat=200,
+            mountains=900,
+            beyond=3400,
+            woods=0.0,
+            rock_colour=(0.27, 0.165, 0.105),
+        ),
         plants=(
             Planting("shrub", 120, 8, 220, (0.3, 1.1), ((0.15, 0.14, 0.07), (0.12, 0.115, 0.06)), clump=0.4),
             Planting("rock", 70, 6, 200, (0.12, 0.9), clump=0.6),
@@ -165,8 +217,22 @@ PLACES: tuple[Environment, ...] = (
         waves=0.045,
         mirror_beyond=9.0,
         housing=(
-            Housing(("old_brick", "shed", "brick", "red_shed"), (9, 16), (20, 36, 14, 20), (2, 4), line=(15, -30, -140, 150), gap=(0, 9)),
-            Housing(("old_brick", "plaster", "white", "ochre"), (8, 15), (12, 20, 11, 14), (3, 5), line=(15, 128, -220, 220), gap=(0, 4)),
+            Housing(
+                ("old_brick", "shed", "brick", "red_shed"),
+                (9, 16),
+                (20, 36, 14, 20),
+                (2, 4),
+                line=(15, -30, -140, 150),
+                gap=(0, 9),
+            ),
+            Housing(
+                ("old_brick", "plaster", "white", "ochre"),
+                (8, 15),
+                (12, 20, 11, 14),
+                (3, 5),
+                line=(15, 128, -220, 220),
+                gap=(0, 4),
+            ),
             Housing(("container",), (2.6, 5.2), (12, 12.2, 2.5, 5), line=(15, -20, -70, -8), gap=(0.3, 5)),
         ),
         plants=(Planting("broadleaf", 24, 130, 300, (8, 13), facing=105, sector=140),),
@@ -189,9 +255,20 @@ PLACES: tuple[Environment, ...] = (
         plants=(
             Planting("oak", 16, 60, 260, (8, 15), clump=0.5),
             Planting("poplar", 15, 90, 330, (14, 20), line=(60, 150, 11)),
-            Planting("reed", 800, 4.5, 42, (0.55, 0.85), ((0.36, 0.27, 0.10), (0.42, 0.31, 0.13), (0.30, 0.23, 0.09))),
+            Planting(
+                "reed",
+                800,
+                4.5,
+                42,
+                (0.55, 0.85),
+                ((0.36, 0.27, 0.10), (0.42, 0.31, 0.13), (0.30, 0.23, 0.09)),
+            ),
         ),
-        props=(("pylon", 190.0, 120.0, 0.9, 40.0), ("pylon", -60.0, 330.0, 0.9, 40.0), ("pylon", 420.0, -80.0, 0.9, 40.0)),
+        props=(
+            ("pylon", 190.0, 120.0, 0.9, 40.0),
+            ("pylon", -60.0, 330.0, 0.9, 40.0),
+            ("pylon", 420.0, -80.0, 0.9, 40.0),
+        ),
     ),
     Environment(
         "dusk_suburb",
@@ -205,8 +282,22 @@ PLACES: tuple[Environment, ...] = (
         exposure=0.8,
         strips=(Strip("asphalt", -20, -2, 8, marks="road", kerb=0.14),),
         housing=(
-            Housing(("brick", "plaster", "slab"), (8, 13), (14, 24, 10, 12), (0, 4), line=(-20, 24, -130, 130), gap=(5, 14)),
-            Housing(("white", "plaster"), (4.8, 6.2), (11, 14, 9, 10), (3, 4), line=(-20, -20, -120, 120), gap=(6, 14)),
+            Housing(
+                ("brick", "plaster", "slab"),
+                (8, 13),
+                (14, 24, 10, 12),
+                (0, 4),
+                line=(-20, 24, -130, 130),
+                gap=(5, 14),
+            ),
+            Housing(
+                ("white", "plaster"),
+                (4.8, 6.2),
+                (11, 14, 9, 10),
+                (3, 4),
+                line=(-20, -20, -120, 120),
+                gap=(6, 14),
+            ),
             Housing(("slab",), (24, 36), (22, 40, 12, 14), count=5, near=150, far=320),
         ),
         plants=(
@@ -244,7 +335,15 @@ PLACES: tuple[Environment, ...] = (
         waves=0.07,
         deep=(0.02, 0.05, 0.06),
         relief=Relief(
-            hills=35, width=600, flat=90, mountains=420, beyond=2400, facing=75, sector=110, woods=0.3, woods_colour=(0.04, 0.05, 0.025)
+            hills=35,
+            width=600,
+            flat=90,
+            mountains=420,
+            beyond=2400,
+            facing=75,
+            sector=110,
+            woods=0.3,
+            woods_colour=(0.04, 0.05, 0.025),
         ),
         strips=(Strip("water", 0, -20030, 40000, wobble=5.0),),
         plants=(
@@ -253,7 +352,18 @@ PLACES: tuple[Environment, ...] = (
             Planting("pine", 34, 60, 220, (7, 13), DARK, facing=90, sector=160, clump=0.5),
             Planting("tuft", 120, 8, 50, (0.3, 0.8), DRY, facing=90, sector=160, clump=0.7),
         ),
-        housing=(Housing(("white", "plaster", "ochre"), (5, 12), (12, 22, 10, 14), count=9, near=90, far=280, facing=95, sector=120),),
+        housing=(
+            Housing(
+                ("white", "plaster", "ochre"),
+                (5, 12),
+                (12, 22, 10, 14),
+                count=9,
+                near=90,
+                far=280,
+                facing=95,
+                sector=120,
+            ),
+        ),
     ),
     Environment(
         "autumn_park",
@@ -283,7 +393,9 @@ PLACES: tuple[Environment, ...] = (
         surface="mud",
         housing=(
             Housing(("frame",), (16, 24), (26, 36, 16, 20), line=(-15, 36, -40, 45), gap=(9, 16)),
-            Housing(("container", "white"), (2.6, 5.2), (6, 6.2, 2.5, 5), line=(-15, -17, -30, 20), gap=(0.2, 2)),
+            Housing(
+                ("container", "white"), (2.6, 5.2), (6, 6.2, 2.5, 5), line=(-15, -17, -30, 20), gap=(0.2, 2)
+            ),
             Housing(("slab", "brick", "plaster"), (14, 26), (18, 32, 12, 15), count=14, near=85, far=240),
             Housing(("wall",), (2.0, 2.1), (30, 34, 0.3, 0.35), line=(-15, -34, -70, 80)),
         ),
@@ -335,12 +447,30 @@ PLACES: tuple[Environment, ...] = (
         waves=0.02,
         mirror_beyond=70.0,
         visibility=26e3,
-        relief=Relief(hills=90, width=700, flat=420, mountains=650, beyond=4000, woods=0.75, woods_colour=(0.028, 0.045, 0.018)),
+        relief=Relief(
+            hills=90,
+            width=700,
+            flat=420,
+            mountains=650,
+            beyond=4000,
+            woods=0.75,
+            woods_colour=(0.028, 0.045, 0.018),
+        ),
         strips=(Strip("water", 100, -170, 324, wobble=5.0, length=900),),
         plants=(
             Planting("pine", 40, 14, 120, (9, 17), DARK, facing=190, sector=170),
             Planting("birch", 20, 12, 90, (7, 13), GREENS, facing=190, sector=170),
-            Planting("reed", 150, 7, 34, (0.9, 1.6), ((0.17, 0.16, 0.06), (0.12, 0.14, 0.045)), facing=60, sector=80, clump=0.5),
+            Planting(
+                "reed",
+                150,
+                7,
+                34,
+                (0.9, 1.6),
+                ((0.17, 0.16, 0.06), (0.12, 0.14, 0.045)),
+                facing=60,
+                sector=80,
+                clump=0.5,
+            ),
             Planting("rock", 30, 5, 26, (0.1, 0.7), clump=0.4),
             Planting("spruce", 150, 340, 480, (10, 20), DARK, facing=10, sector=150),
         ),
@@ -360,9 +490,35 @@ PLACES: tuple[Environment, ...] = (
             Housing(("wall",), (0.95, 1.0), (24, 24.1, 0.35, 0.4), line=(10, -9.5, -12, 8)),
             Housing(("wall",), (0.95, 1.0), (19, 19.1, 0.35, 0.4), line=(100, 12, -9.6, 8)),
             Housing(("wall",), (0.95, 1.0), (19, 19.1, 0.35, 0.4), line=(100, -12, -9.6, 8)),
-            Housing(("shed",), (2.6, 3), (4, 5, 3, 4), count=1, near=6.5, far=7.5, facing=20, sector=20, heading=10),
-            Housing(("office", "slab", "brick", "glass", "stone"), (4, 16), (18, 34, 14, 24), count=46, near=26, far=160, heading=10),
-            Housing(("glass", "office", "slab"), (22, 70), (22, 34, 20, 28), count=22, near=170, far=600, heading=10),
+            Housing(
+                ("shed",),
+                (2.6, 3),
+                (4, 5, 3, 4),
+                count=1,
+                near=6.5,
+                far=7.5,
+                facing=20,
+                sector=20,
+                heading=10,
+            ),
+            Housing(
+                ("office", "slab", "brick", "glass", "stone"),
+                (4, 16),
+                (18, 34, 14, 24),
+                count=46,
+                near=26,
+                far=160,
+                heading=10,
+            ),
+            Housing(
+                ("glass", "office", "slab"),
+                (22, 70),
+                (22, 34, 20, 28),
+                count=22,
+                near=170,
+                far=600,
+                heading=10,
+            ),
             Housing(("slab", "brick", "white"), (4, 20), (20, 50, 15, 25), count=60, near=160, far=700),
         ),
         plants=(Planting("broadleaf", 30, 60, 300, (2, 5)),),
@@ -374,7 +530,15 @@ PLACES: tuple[Environment, ...] = (
         haze=3,
         clouds=Clouds(cumulus=0.12),
         surface="rock",
-        relief=Relief(hills=20, width=300, flat=60, mountains=75, beyond=190, woods=0.15, rock_colour=(0.30, 0.265, 0.215)),
+        relief=Relief(
+            hills=20,
+            width=300,
+            flat=60,
+            mountains=75,
+            beyond=190,
+            woods=0.15,
+            rock_colour=(0.30, 0.265, 0.215),
+        ),
         plants=(
             Planting("rock", 150, 5, 130, (0.2, 2.4), clump=0.6),
             Planting("shrub", 50, 15, 130, (0.5, 1.6), OLIVE, clump=0.5),
@@ -391,13 +555,25 @@ PLACES: tuple[Environment, ...] = (
         waves=0.03,
         mirror_beyond=24.0,
         relief=Relief(hills=24, width=700, flat=160, woods=0.5),
-        strips=(Strip("water", -25, 26, 38, wobble=4.0, length=900), Strip("gravel", -25, -4, 2.6, wobble=0.6)),
+        strips=(
+            Strip("water", -25, 26, 38, wobble=4.0, length=900),
+            Strip("gravel", -25, -4, 2.6, wobble=0.6),
+        ),
         plants=(
             Planting("broadleaf", 60, 50, 180, (8, 16), clump=0.4),
             Planting("poplar", 14, 50, 200, (14, 21), line=(-25, 56, 9)),
             Planting("bush", 70, 46, 120, (1, 3), facing=65, sector=160),
             Planting("oak", 12, 16, 90, (9, 14), facing=-115, sector=150),
-            Planting("reed", 240, 5.5, 40, (0.8, 1.7), ((0.11, 0.13, 0.04), (0.15, 0.15, 0.055)), facing=65, sector=150),
+            Planting(
+                "reed",
+                240,
+                5.5,
+                40,
+                (0.8, 1.7),
+                ((0.11, 0.13, 0.04), (0.15, 0.15, 0.055)),
+                facing=65,
+                sector=150,
+            ),
             Planting("tuft", 60, 3.5, 22, (0.12, 0.32), ((0.14, 0.18, 0.06), (0.18, 0.2, 0.07))),
         ),
     ),
@@ -432,10 +608,23 @@ PLACES: tuple[Environment, ...] = (
                 gap=(5, 16),
                 snow=0.95,
             ),
-            Housing(("timber", "white", "red_shed"), (4, 6.5), (9, 14, 8, 11), (3, 4.5), line=(35, -17, -110, 110), gap=(6, 20), snow=0.95),
-            Housing(("white", "timber"), (4, 7), (9, 14, 8, 11), (3, 4.5), count=14, near=60, far=220, snow=0.95),
+            Housing(
+                ("timber", "white", "red_shed"),
+                (4, 6.5),
+                (9, 14, 8, 11),
+                (3, 4.5),
+                line=(35, -17, -110, 110),
+                gap=(6, 20),
+                snow=0.95,
+            ),
+            Housing(
+                ("white", "timber"), (4, 7), (9, 14, 8, 11), (3, 4.5), count=14, near=60, far=220, snow=0.95
+            ),
         ),
-        plants=(Planting("spruce", 60, 30, 240, (7, 17), DARK, clump=0.6, snow=0.85), Planting("bare", 30, 12, 180, (5, 11), clump=0.3)),
+        plants=(
+            Planting("spruce", 60, 30, 240, (7, 17), DARK, clump=0.6, snow=0.85),
+            Planting("bare", 30, 12, 180, (5, 11), clump=0.3),
+        ),
         props=(("fence", (-40, -19.5), (10, 15.5), 1.1, "posts"), ("power", 35, 6.5, 7.5, 32.0, 4)),
     ),
     # 20-21
@@ -474,12 +663,25 @@ PLACES: tuple[Environment, ...] = (
         haze=2.6,
         clouds=Clouds(cumulus=0.24, thickness=500),
         surface="rows",
-        relief=Relief(hills=90, width=600, flat=130, woods=0.35, mountains=500, beyond=5000, facing=-60, sector=140),
+        relief=Relief(
+            hills=90, width=600, flat=130, woods=0.35, mountains=500, beyond=5000, facing=-60, sector=140
+        ),
         plants=tuple(
-            Planting("bush", 46, 2.5, 70, (1.25, 1.6), ((0.075, 0.115, 0.03), (0.095, 0.13, 0.03)), line=(24.8, 1.2 + 2.4 * k, 1.15))
+            Planting(
+                "bush",
+                46,
+                2.5,
+                70,
+                (1.25, 1.6),
+                ((0.075, 0.115, 0.03), (0.095, 0.13, 0.03)),
+                line=(24.8, 1.2 + 2.4 * k, 1.15),
+            )
             for k in (-5, -4, -3, -2, 1, 2, 3, 4, 5)
         )
-        + (Planting("cypress", 14, 70, 200, (9, 14), DARK, clump=0.5), Planting("oak", 14, 70, 200, (6, 11), OLIVE, clump=0.5)),
+        + (
+            Planting("cypress", 14, 70, 200, (9, 14), DARK, clump=0.5),
+            Planting("oak", 14, 70, 200, (6, 11), OLIVE, clump=0.5),
+        ),
         housing=(Housing(("ochre", "stone"), (5, 8), (14, 20, 9, 12), (2, 3), count=3, near=110, far=190),),
     ),
 )

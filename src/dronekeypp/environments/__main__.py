@@ -1,0 +1,3 @@
+from dronekeypp.environments import main
+
+main()
