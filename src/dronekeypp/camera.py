@@ -1,11 +1,19 @@
-"""The pinhole camera: projection, rays (Eq. 6), and square crops that never change a ray.
+"""Model the pinhole camera: projection, rays (Eq. 6), square crops and mirror images.
 
-Pixels are (x right, y down) with pixel centres at +0.5: the top-left pixel covers [0, 1] × [0, 1]. Camera axes are OpenCV's: x right,
-y down, z forward. `project`, `rays`, `to_crop` and `from_crop` take numpy arrays or torch tensors of one dtype, batch dimensions first; what is
-about one box or one picture (`square_around`, `clamp_square`, `crop_intrinsics`, `crop_image`) takes numpy, one at a time.
+Pixels are (x right, y down), and pixel centres lie at +0.5: the top-left pixel covers [0, 1] × [0, 1]. Camera
+axes are those of OpenCV: x right, y down, z forward.
 
-A *square* is (x, y, side) in full-frame pixels: the top-left corner and the side of a crop. Crop units run from 0 to 1 across it.
+`project`, `rays`, `to_crop`, `from_crop` and the functions `mirror_…` take numpy arrays or torch tensors of
+one dtype, with the batch dimensions first. The functions for one box or one picture (`square_around`,
+`clamp_square`, `crop_intrinsics`, `crop_image`) take numpy arrays, one box or picture at a time.
+
+A *square* is (x, y, side) in full-frame pixels: the top-left corner and the side of a crop. Crop units run
+from 0 to 1 across the square. Keypoints in crop units go back to full-frame pixels before their rays are
+computed, so cutting a crop never changes a ray.
 """
+
+from collections.abc import Sequence
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -13,15 +21,24 @@ import torch
 
 from dronekeypp.errors import InputError
 
-# The paper says neither how large the crop is nor how it is cut. We take a square around the box, 1.15 to 1.3 times its longer side.
+Array = TypeVar("Array", np.ndarray, torch.Tensor)
+Numbers = Sequence[float] | np.ndarray
+
+# The paper says neither how large the crop is nor how it is cut. We take a square around the box, whose side
+# is 1.15 to 1.3 times the longer side of the box.
 CROP_MARGIN = (1.15, 1.3)
 
 
-def check_intrinsics(K, name="camera matrix"):
-    """Return `K` if it is a finite 3×3 (batched: …×3×3) upper-triangular pinhole matrix.
+def check_intrinsics(K: Array, name: str = "camera matrix") -> Array:
+    """Check pinhole camera matrices and return them unchanged.
+
+    Args:
+        K: (…, 3, 3) camera matrix, pixels.
+        name: what an error message calls the matrix.
 
     Raises:
-        InputError: wrong shape, NaN, focal length not positive, or a last row that is not (0, 0, 1).
+        InputError: the shape is wrong, a value is NaN or infinite, a focal length is not positive, the matrix
+            is not upper triangular, or its last row is not (0, 0, 1).
     """
     k = np.asarray(K, dtype=np.float64)
     if k.shape[-2:] != (3, 3):
@@ -35,27 +52,41 @@ def check_intrinsics(K, name="camera matrix"):
     return K
 
 
-def intrinsics(focal, width, height, centre=None):
-    """Pinhole matrix (3, 3) for a focal length in pixels; the principal point is the frame's middle unless `centre` (x, y) is given."""
+def intrinsics(
+    focal: float, width: float, height: float, centre: tuple[float, float] | None = None
+) -> np.ndarray:
+    """Build the camera matrix (3, 3) of a pinhole camera with a focal length in pixels.
+
+    The principal point is `centre` (x, y) in pixels. Without `centre` it is the middle of the frame.
+    """
     cx, cy = (width / 2, height / 2) if centre is None else centre
     return np.array([[focal, 0.0, cx], [0.0, focal, cy], [0.0, 0.0, 1.0]])
 
 
-def project(points, K):
-    """Project points (…, P, 3) in camera axes (metres) with K (…, 3, 3) to pixels (…, P, 2)."""
+def project(points: Array, K: Array) -> Array:
+    """Project points in camera axes to pixels.
+
+    Args:
+        points: (…, P, 3) metres, camera axes.
+        K: (…, 3, 3) camera matrix, pixels.
+
+    Returns:
+        (…, P, 2) pixels.
+    """
     p = points @ K.swapaxes(-1, -2)
     return p[..., :2] / p[..., 2:]
 
 
-def rays(pixels, K):
-    """Eq. 6: v_k = A⁻¹ [y_k, 1]ᵀ.
+def rays(pixels: Array, K: Array) -> Array:
+    """Compute the rays of pixels by Eq. 6: v_k = A⁻¹ [y_k, 1]ᵀ.
 
     Args:
         pixels: (…, P, 2) full-frame pixels.
         K: (…, 3, 3) full-frame camera matrix A.
 
     Returns:
-        (…, P, 3) directions in camera axes with z = 1: not unit vectors, exactly as the paper writes them.
+        (…, P, 3) directions in camera axes with z = 1. They are not unit vectors, exactly as the paper writes
+        them.
     """
     y = (pixels[..., 1] - K[..., 1, 2, None]) / K[..., 1, 1, None]
     x = (pixels[..., 0] - K[..., 0, 2, None] - K[..., 0, 1, None] * y) / K[..., 0, 0, None]
@@ -63,11 +94,18 @@ def rays(pixels, K):
     return stack([x, y, x * 0 + 1], -1)
 
 
-def square_around(box, margin=1.2):
-    """The square (x, y, side) around a box (x, y, w, h), its side `margin` times the box's longer side, same centre.
+def square_around(box: Numbers, margin: float = 1.2) -> np.ndarray:
+    """Return the square around a box, with the same centre.
+
+    Args:
+        box: (x, y, w, h), pixels.
+        margin: the side of the square over the longer side of the box.
+
+    Returns:
+        (3,) x, y and side of the square, pixels.
 
     Raises:
-        InputError: a box that is not finite or has no area.
+        InputError: the box is not finite or has no area.
     """
     x, y, w, h = (float(v) for v in box)
     if not np.isfinite([x, y, w, h]).all() or w <= 0 or h <= 0:
@@ -78,44 +116,68 @@ def square_around(box, margin=1.2):
     return np.array([x + w / 2 - side / 2, y + h / 2 - side / 2, side])
 
 
-def clamp_square(square, width, height):
-    """Move `square` (x, y, side) inside the frame, shrinking it only where it is larger than the frame: a camera sees nothing outside."""
+def clamp_square(square: Numbers, width: float, height: float) -> np.ndarray:
+    """Move a square (x, y, side) inside a frame of `width` × `height` pixels.
+
+    A camera sees nothing outside its frame. The square is shrunk only where it is larger than the frame.
+    """
     side = float(min(square[2], width, height))
     x = min(max(float(square[0]) + (float(square[2]) - side) / 2, 0.0), width - side)
     y = min(max(float(square[1]) + (float(square[2]) - side) / 2, 0.0), height - side)
     return np.array([x, y, side])
 
 
-def to_crop(pixels, square):
-    """Full-frame pixels (…, P, 2) to crop units (0 to 1 across the square (…, 3))."""
+def to_crop(pixels: Array, square: Array) -> Array:
+    """Convert full-frame pixels (…, P, 2) to crop units.
+
+    Crop units run from 0 to 1 across the square (…, 3).
+    """
     return (pixels - square[..., None, :2]) / square[..., None, 2:]
 
 
-def from_crop(units, square):
-    """Crop units (…, P, 2) back to full-frame pixels: the inverse of `to_crop`."""
+def from_crop(units: Array, square: Array) -> Array:
+    """Convert crop units (…, P, 2) to full-frame pixels.
+
+    This is the inverse of `to_crop`.
+    """
     return units * square[..., None, 2:] + square[..., None, :2]
 
 
-def crop_intrinsics(K, square, size):
-    """The camera matrix (3, 3) of the crop itself, `size` pixels wide: the same rays, other pixel numbers."""
-    x, y, side = (float(v) for v in square)
-    scale = size / side
-    return np.array([[scale, 0, -scale * x], [0, scale, -scale * y], [0, 0, 1]]) @ np.asarray(
-        K, dtype=np.float64
-    )
+def crop_intrinsics(K: np.ndarray, square: Numbers, size: int) -> np.ndarray:
+    """Return the camera matrix (3, 3) of a crop that is `size` pixels wide.
 
-
-def crop_image(image, square, size):
-    """Cut `square` (x, y, side) out of `image` (H, W, C) and resize it to (size, size, C); outside the frame the edge is repeated.
-
-    Sub-pixel exact. Where the crop shrinks the picture it samples finer and averages, so that thin propellers do not alias.
+    A point has the same ray under this matrix as under K; only its pixel numbers differ.
     """
-    x, y, side = (float(v) for v in square)
+    x, y, side = float(square[0]), float(square[1]), float(square[2])
+    scale = size / side
+    to_pixels = np.array([[scale, 0, -scale * x], [0, scale, -scale * y], [0, 0, 1]])
+    return to_pixels @ np.asarray(K, dtype=np.float64)
+
+
+def crop_image(image: np.ndarray, square: Numbers, size: int) -> np.ndarray:
+    """Cut a square out of an image and resize it.
+
+    The cut is exact to a fraction of a pixel. Outside the frame the edge pixels are repeated. Where the crop
+    makes the picture smaller, it is sampled more finely and then averaged, so that thin propellers do not
+    alias.
+
+    Args:
+        image: (H, W, C).
+        square: (x, y, side), pixels of `image`.
+        size: side of the result, pixels.
+
+    Returns:
+        (size, size, C).
+
+    Raises:
+        InputError: the square is not finite, or its side is not positive.
+    """
+    x, y, side = float(square[0]), float(square[1]), float(square[2])
     if not np.isfinite([x, y, side]).all() or side <= 0:
         raise InputError(f"crop square {(x, y, side)}: the side must be positive pixels")
     fine = max(1, int(np.ceil(side / size - 0.25)))
     step = side / (size * fine)
-    # OpenCV counts pixel centres from 0; ours lie at +0.5
+    # OpenCV puts the first pixel's centre at 0; ours lies at +0.5.
     affine = np.array([[step, 0, x + step / 2 - 0.5], [0, step, y + step / 2 - 0.5]])
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     cut = cv2.warpAffine(
@@ -124,8 +186,32 @@ def crop_image(image, square, size):
     return cut if fine == 1 else cv2.resize(cut, (size, size), interpolation=cv2.INTER_AREA)
 
 
-def mirror_keypoints(keypoints):
-    """Keypoints (B, 4, 2) in crop units as the same crop shows them in a mirror: left is right, and left and right hubs change names."""
-    swapped = keypoints[:, [1, 0, 3, 2]]  # FL, FR, RR, RL
+# The keypoints in the order that a mirror gives them: front-left and front-right change places, and so do
+# rear-right and rear-left.
+MIRRORED_KEYPOINTS = [1, 0, 3, 2]
+
+
+def mirror_image(image: Array) -> Array:
+    """Return pictures (…, 3, S, S) as a mirror shows them, with left and right exchanged."""
+    return np.flip(image, -1) if isinstance(image, np.ndarray) else image.flip(-1)
+
+
+def mirror_keypoints(keypoints: Array) -> Array:
+    """Return keypoints (…, 4, 2) in crop units as the same crop shows them in a mirror.
+
+    Left and right are exchanged, and so are the names of the left and the right hubs.
+    """
+    swapped = keypoints[..., MIRRORED_KEYPOINTS, :]
     stack = np.stack if isinstance(keypoints, np.ndarray) else torch.stack
     return stack([1 - swapped[..., 0], swapped[..., 1]], -1)
+
+
+def mirror_square(square: Array, K: Array) -> Array:
+    """Return the square (…, 3) of a crop as it is seen in a mirror, in pixels.
+
+    The mirror is held at x = 0 of a camera K (…, 3, 3). The mirrored crop lies on the other side of the
+    principal point. K itself stays as it is.
+    """
+    x, y, side = square[..., 0], square[..., 1], square[..., 2]
+    stack = np.stack if isinstance(square, np.ndarray) else torch.stack
+    return stack([2 * K[..., 0, 2] - x - side, y, side], -1)

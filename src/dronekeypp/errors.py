@@ -2,7 +2,8 @@
 
 
 class InputError(ValueError):
-    """Bad input. The message is one line: it names the file and the frame where there is one, what is wrong, and the mend.
+    """Bad input.
 
+    The message is one line. It names the file and the frame where there is one, what is wrong, and the mend.
     On the command line it goes to stderr and the exit status is 2.
     """

@@ -1,9 +1,13 @@
-"""Reading JSON, digests, writing a file so that nobody ever meets half of it, holding a folder, and the command that a file was made with."""
+"""Read and write files safely, and find those of the repository.
+
+There are JSON files, digests, writing that never leaves half a file, and a lock for a folder.
+"""
 
 import contextlib
 import hashlib
 import json
 import os
+import re
 import shlex
 import sys
 from collections.abc import Iterator
@@ -16,32 +20,47 @@ from dronekeypp.errors import InputError
 
 
 def read_json(path: str | Path, missing: str = "not found", mend: str = "") -> Any:
-    """The content of a JSON file; a whole number that no float can hold comes back as infinity.
+    """Return the content of a JSON file.
+
+    A whole number that no float can hold comes back as infinity.
+
+    Args:
+        path: the file.
+        missing: what the message says of a file that is missing.
+        mend: what the message tells the reader to do about a file that is not JSON.
 
     Raises:
-        InputError: missing, or not JSON; the message names the file, and says `missing` or the `mend`.
+        InputError: the file is missing, or it is not JSON. The message names the file.
     """
     try:
-        return json.loads(
-            Path(path).read_text(encoding="utf-8"),
-            parse_int=lambda text: int(text) if len(text) < 300 else float(text),
-        )
+        return json.loads(Path(path).read_text(encoding="utf-8"), parse_int=_whole_number)
     except FileNotFoundError:
         raise InputError(f"{path}: {missing}") from None
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: not valid JSON ({error})" + (f"; {mend}" if mend else "")) from None
 
 
+def _whole_number(text: str) -> int | float:
+    return int(text) if len(text) < 300 else float(text)
+
+
 @contextlib.contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
-    """Hold a folder while writing to it: two processes that work in one would undo each other's work. Raises InputError if another holds it."""
+    """Hold a folder while writing to it.
+
+    Two processes that work in one folder would undo each other's work.
+
+    Raises:
+        InputError: another process holds the folder.
+    """
     lock = folder / ".lock"
     try:
         with FileLock(lock, timeout=0):
             try:
                 yield
             finally:
-                with contextlib.suppress(OSError):  # Windows does not let go of an open file; then it stays
+                # Windows does not remove an open file; then it stays.
+                with contextlib.suppress(OSError):
                     lock.unlink()
     except Timeout:
         raise InputError(
@@ -50,21 +69,84 @@ def lock_folder(folder: Path) -> Iterator[None]:
 
 
 def digest(content: bytes) -> str:
-    """What tells one content from another: the first 16 hex digits of its SHA-256."""
+    """Return the first 16 hex digits of the SHA-256 of `content`.
+
+    They tell one content from another.
+    """
     return hashlib.sha256(content).hexdigest()[:16]
 
 
-def write_beside(path: Path, content: bytes) -> None:
-    """Write `content` to a file beside `path`, then rename: a reader, or a kill, never meets half a file."""
-    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+@contextlib.contextmanager
+def writing_beside(path: Path) -> Iterator[Path]:
+    """Give a path beside `path` to write to, and rename it to `path` at the end.
+
+    It is renamed only when the block ends without an error. So no reader ever meets half a file, and a kill
+    leaves none under the name of `path`. The path given has the suffix of `path`, because some writers look
+    at it.
+    """
+    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp{path.suffix}")
     try:
-        beside.write_bytes(content)
+        yield beside
         os.replace(beside, path)
     finally:
         beside.unlink(missing_ok=True)
 
 
+def write_beside(path: Path, content: bytes) -> None:
+    """Write `content` to a file beside `path`, then rename it to `path`."""
+    with writing_beside(path) as beside:
+        beside.write_bytes(content)
+
+
+def write_json(path: Path, value: Any, indent: int | None = None) -> None:
+    """Write `value` as JSON beside `path`, then rename it to `path`.
+
+    Without `indent` no space is wasted.
+    """
+    separators = None if indent else (",", ":")
+    text = json.dumps(value, indent=indent, separators=separators)
+    write_beside(path, (text + "\n").encode())
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove the half-written files that a kill has left in a folder; folders in it are not searched."""
+    for path in folder.glob(".*.tmp*"):
+        path.unlink()
+
+
+def natural_order(name: str) -> tuple[list[str | int], str]:
+    """Return a sort key that puts "frame_2" before "frame_10"."""
+    parts: list[str | int] = []
+    for part in re.split(r"(\d+)", name):
+        parts.append(int(part) if part.isdecimal() else part)
+    return parts, name
+
+
+def repository_root() -> Path:
+    """Return the folder of the repository.
+
+    It is where this package was installed from with `pip install -e .`, or else the current folder or one
+    above it.
+
+    Raises:
+        InputError: the package was installed without the repository, and the current folder is not in one.
+    """
+    here = Path.cwd()
+    for folder in (Path(__file__).parents[2], here, *here.parents):
+        if (folder / "data_samples").is_dir() and (folder / "environment.txt").is_file():
+            return folder
+    raise InputError(
+        "this needs data_samples/ of the repository, which the installed package does not hold: "
+        "clone the repository and run this command inside it"
+    )
+
+
 def command_line() -> str:
-    """This process's command as it may be recorded: of an absolute path only the last part, the rest is a machine's own."""
-    words = [Path(word).name if Path(word).is_absolute() else word for word in sys.argv[1:]]
+    """Return this process's command as it may be recorded.
+
+    Only the last part of an absolute path is kept, because the rest belongs to one machine.
+    """
+    words = []
+    for word in sys.argv[1:]:
+        words.append(Path(word).name if Path(word).is_absolute() else word)
     return f"python -m dronekeypp {shlex.join(words)}"

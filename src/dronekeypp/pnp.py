@@ -1,7 +1,8 @@
-"""Perspective-n-Point for four coplanar propeller hubs: both poses that fit, best first.
+"""Solve Perspective-n-Point for the four coplanar propeller hubs of a drone.
 
-Four hubs of a left–right symmetric drone always lie in one plane. Seen from far away such a plane has two poses with nearly the same picture
-(the "flip"), and noise decides which of them reprojects better. So a solver here returns both.
+Four hubs of a left–right symmetric drone always lie in one plane. Seen from far away, such a plane has two
+poses with nearly the same picture (the "flip"), and noise decides which of them reprojects better. So the
+solver here returns both, the better one first.
 """
 
 from typing import NamedTuple
@@ -14,15 +15,30 @@ from dronekeypp.errors import InputError
 
 
 class Solution(NamedTuple):
-    """One pose: `R` (3, 3) camera←body, `t` (3,) metres in the camera frame, `error_px` the RMS reprojection error."""
+    """This is one of the poses that `solve_pnp` returns.
+
+    Attributes:
+        R: (3, 3) rotation camera←body.
+        t: (3,) translation in the camera frame, metres.
+        error_px: root mean square of the reprojection errors, pixels.
+    """
 
     R: np.ndarray
     t: np.ndarray
     error_px: float
 
 
-def _plane_frame(hubs):
-    """Rotation (3, 3) plane←body and origin (3,) such that the hubs have z = 0: IPPE can be silently wrong elsewhere."""
+def _plane_frame(hubs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the frame in which the hubs (P, 3) have z = 0.
+
+    IPPE, the solver below, can be silently wrong in any other frame.
+
+    Returns:
+        the rotation plane←body (3, 3) and the origin (3,) in body axes.
+
+    Raises:
+        InputError: the hubs lie on one line, or not in one plane.
+    """
     origin = hubs.mean(axis=0)
     _, singular, axes = np.linalg.svd(hubs - origin)
     if singular[1] < 1e-6:
@@ -36,21 +52,34 @@ def _plane_frame(hubs):
     return axes, origin
 
 
-def solve_pnp(hubs, pixels, K):
-    """Poses of a coplanar object, lowest reprojection error first.
+def check_coplanar(hubs: np.ndarray) -> None:
+    """Check that points (P, 3) lie in a plane and not on a line, as `solve_pnp` needs them.
+
+    Raises:
+        InputError: they do not.
+    """
+    _plane_frame(np.asarray(hubs, dtype=np.float64))
+
+
+def solve_pnp(hubs: np.ndarray, pixels: np.ndarray, K: np.ndarray) -> list[Solution]:
+    """Return the poses of a coplanar object, the lowest reprojection error first.
+
+    The poses are those of OpenCV's closed form (IPPE), without any refinement. Whoever wants the last pixel
+    refines them with `cv2.solvePnPRefineLM`.
 
     Args:
-        hubs: (P, 3) points in body axes, metres, P ≥ 4, coplanar.
-        pixels: (P, 2) their full-frame pixels.
+        hubs: (P, 3) coplanar points in body axes, metres, with P ≥ 4.
+        pixels: (P, 2) full-frame pixels of the points.
         K: (3, 3) camera matrix.
 
     Returns:
-        list of `Solution`, distinct poses only: normally two, one where the two coincide, none where OpenCV's closed form (IPPE) finds none in
-        front of the camera: rarely with good keypoints near by, in some per cent of the frames with noisy or far ones (notebook 02). The poses
-        are IPPE's as they are; whoever wants the last pixel refines them (`cv2.solvePnPRefineLM`).
+        A list of distinct poses. Normally there are two, and one where the two coincide. The list is empty
+        where IPPE finds no pose in front of the camera: that is rare with good keypoints near the camera, and
+        happens in some per cent of the frames with noisy or far ones (notebook 02).
 
     Raises:
-        InputError: wrong shapes, NaN, points on a line or off the plane, a bad camera matrix.
+        InputError: a shape is wrong, a value is NaN or infinite, the points lie on a line or not in a plane,
+            or the camera matrix is no pinhole matrix.
     """
     hubs, pixels = np.asarray(hubs, dtype=np.float64), np.asarray(pixels, dtype=np.float64)
     K = np.asarray(check_intrinsics(K), dtype=np.float64)
@@ -62,15 +91,12 @@ def solve_pnp(hubs, pixels, K):
         raise InputError("PnP: points or pixels hold NaN or infinity")
     if K.shape != (3, 3):
         raise InputError(f"PnP: one camera matrix (3, 3) at a time, got {K.shape}")
-    seen = np.ascontiguousarray(
-        rays(pixels, K)[:, :2]
-    )  # OpenCV knows no skew, and wants its memory in one piece
+    # Rays instead of pixels, because OpenCV knows no skew; and it wants its memory in one piece.
+    seen = np.ascontiguousarray(rays(pixels, K)[:, :2])
     axes, origin = _plane_frame(hubs)
-    found = []
-    for turn in (
-        np.eye(3),
-        np.diag([1.0, -1.0, -1.0]),
-    ):  # the plane seen from its other side: IPPE sometimes finds only one of the two
+    solutions = []
+    # The second turn shows the plane from its other side: IPPE sometimes finds only one of the two poses.
+    for turn in (np.eye(3), np.diag([1.0, -1.0, -1.0])):
         flat = (hubs - origin) @ axes.T @ turn.T
         flat[:, 2] = 0
         try:
@@ -88,10 +114,10 @@ def solve_pnp(hubs, pixels, K):
             if (placed[:, 2] <= 0).any():
                 continue
             error = float(np.sqrt(((project(placed, K) - pixels) ** 2).sum(-1).mean()))
-            found.append(Solution(R, t, error))
-    found.sort(key=lambda s: s.error_px)
+            solutions.append(Solution(R, t, error))
+    solutions.sort(key=lambda s: s.error_px)
     distinct = []
-    for s in found:
+    for s in solutions:
         if all(
             np.abs(s.R - other.R).max() > 1e-3 or np.abs(s.t - other.t).max() > 1e-4 for other in distinct
         ):
