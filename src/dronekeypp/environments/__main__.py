@@ -1,3 +1,6 @@
+"""`python -m dronekeypp.environments` draws the contact sheet."""
+
 from dronekeypp.environments import main
 
-main()
+if __name__ == "__main__":
+    main()

@@ -1,6 +1,4 @@
-"""Buildings: boxes with flat or gabled roofs, cast column by column, with facades of windows that mirror what is
-already painted.
-"""
+"""Buildings: boxes with flat or gabled roofs, painted column by column. Windows mirror the picture so far."""
 
 from __future__ import annotations
 
@@ -10,106 +8,77 @@ import cv2
 import numpy as np
 
 from dronekeypp.environments.canvas import Canvas
-from dronekeypp.environments.noise import fbm_tile, look, smooth
+from dronekeypp.environments.facades import Facade
+from dronekeypp.environments.noise import fbm_tile, look
 from dronekeypp.environments.shadows import Shadows
 from dronekeypp.environments.sky import Daylight
+from dronekeypp.environments.specs import SNOW
+from dronekeypp.environments.walls import WallPoints, fraction, wall_appearance
 
-_OVER = 4  # columns are cast four times as dense, for clean edges
+_OVERSAMPLING = 4  # columns are cast four times as dense, for clean edges
 
 
-@dataclass(frozen=True)
-class Facade:
-    """Walls. wall: albedo. window: (width, height) metres; pitch: (along, storey). sill: height of the window's foot
-    above its floor. glass: mirror strength. bands: "", "brick", "panel", "ribs", "plaster", "open" (a bare concrete
-    frame). lit: share of lit windows at dusk.
+@dataclass
+class _Rays:
+    """Where the rays of n fine columns meet the building; every array is (n,).
+
+    Attributes:
+        hit: whether the ray meets it.
+        near, far: level distance in metres to where the ray enters and leaves.
+        side: the wall it enters through, 0 to 3.
+        along: metres along that wall.
+        near_top, far_top: height of the roof where the ray enters and leaves, metres.
+        ridge: level distance to the ridge; -1 where the ray does not cross it.
+        across: metres across the ridge that the ray moves per metre.
+        slope: how far the roof falls per metre across, where the ray enters. Negative where it rises.
     """
 
-    wall: tuple[float, float, float] = (0.4, 0.37, 0.32)
-    window: tuple[float, float] = (1.3, 1.5)
-    pitch: tuple[float, float] = (3.0, 3.1)
-    sill: float = 0.95
-    glass: float = 0.35
-    bands: str = "plaster"
-    roof: tuple[float, float, float] = (0.28, 0.12, 0.08)
-    frame: float = 0.07
-    plinth: float = 0.6
-    lit: float = 0.25
+    hit: np.ndarray
+    near: np.ndarray
+    far: np.ndarray
+    side: np.ndarray
+    along: np.ndarray
+    near_top: np.ndarray
+    far_top: np.ndarray
+    ridge: np.ndarray
+    across: np.ndarray
+    slope: np.ndarray
 
+    def picked(self, index: np.ndarray) -> _Rays:
+        """Return the rays at `index` (w,), ready to broadcast over rows.
 
-FACADES: dict[str, Facade] = {
-    "plaster": Facade((0.38, 0.34, 0.275)),
-    "white": Facade((0.47, 0.455, 0.43), (1.2, 1.35), (3.2, 2.9), roof=(0.10, 0.095, 0.095)),
-    "ochre": Facade((0.37, 0.265, 0.145), (1.1, 1.7), (2.7, 3.4), roof=(0.30, 0.14, 0.085)),
-    "brick": Facade((0.25, 0.115, 0.075), (1.15, 1.6), (2.6, 3.2), bands="brick", roof=(0.14, 0.12, 0.115)),
-    "old_brick": Facade((0.20, 0.10, 0.07), (1.5, 2.0), (3.4, 3.9), bands="brick", roof=(0.11, 0.10, 0.10)),
-    "stone": Facade((0.33, 0.30, 0.25), (1.2, 2.1), (2.9, 4.0), bands="panel", roof=(0.12, 0.125, 0.13)),
-    "glass": Facade(
-        (0.16, 0.17, 0.18),
-        (1.38, 3.2),
-        (1.5, 3.6),
-        sill=0.2,
-        glass=0.75,
-        bands="",
-        frame=0.04,
-        plinth=0.3,
-        lit=0.4,
-    ),
-    "office": Facade(
-        (0.36, 0.36, 0.36), (2.5, 1.9), (2.9, 3.5), sill=0.9, glass=0.5, bands="panel", frame=0.05, lit=0.4
-    ),
-    "slab": Facade((0.44, 0.43, 0.41), (1.8, 1.45), (3.1, 2.8), bands="panel"),
-    "shed": Facade(
-        (0.36, 0.39, 0.41), (2.2, 0.9), (9.0, 9.0), sill=4.2, bands="ribs", roof=(0.3, 0.31, 0.32), plinth=0.9
-    ),
-    "red_shed": Facade(
-        (0.26, 0.06, 0.045),
-        (1.0, 1.0),
-        (5.0, 7.0),
-        sill=1.2,
-        bands="ribs",
-        roof=(0.2, 0.19, 0.185),
-        plinth=0.3,
-    ),
-    "timber": Facade(
-        (0.16, 0.095, 0.055), (1.0, 1.1), (2.6, 2.7), bands="ribs", roof=(0.13, 0.11, 0.10), plinth=0.8
-    ),
-    "frame": Facade(
-        (0.34, 0.335, 0.32),
-        (4.2, 2.75),
-        (4.7, 3.3),
-        sill=0.0,
-        glass=0.0,
-        bands="open",
-        frame=0.0,
-        plinth=0.0,
-        lit=0.0,
-    ),
-    "wall": Facade(
-        (0.36, 0.345, 0.32), (0.0, 0.0), (9.0, 9.0), bands="panel", roof=(0.34, 0.33, 0.31), plinth=0.0
-    ),
-    "stand": Facade(
-        (0.40, 0.40, 0.40),
-        (5.4, 2.4),
-        (6.0, 4.6),
-        sill=1.4,
-        glass=0.25,
-        bands="open",
-        roof=(0.55, 0.56, 0.57),
-        plinth=1.5,
-    ),
-    "hedge": Facade(
-        (0.035, 0.06, 0.02), (0.0, 0.0), (9.0, 9.0), bands="hedge", roof=(0.045, 0.08, 0.025), plinth=0.0
-    ),
-    "container": Facade(
-        (0.20, 0.07, 0.04), (0.0, 0.0), (9.0, 9.0), bands="ribs", roof=(0.2, 0.08, 0.05), plinth=0.0
-    ),
-}
+        Lengths become (1, w) float32, `across` and `slope` (1, w). `hit` and `side` stay (w,).
+        """
+        return _Rays(
+            self.hit[index],
+            self.near[index][None].astype(np.float32),
+            self.far[index][None].astype(np.float32),
+            self.side[index],
+            self.along[index][None].astype(np.float32),
+            self.near_top[index][None].astype(np.float32),
+            self.far_top[index][None].astype(np.float32),
+            self.ridge[index][None].astype(np.float32),
+            self.across[index][None],
+            self.slope[index][None],
+        )
 
 
 @dataclass
 class Building:
-    """A box: centre (x, y), length along `heading` (radians), depth across, height to the eaves; `rise`: of the gable
-    above, 0 for a flat roof.
+    """A box with a roof. Lengths are in metres.
+
+    Attributes:
+        x, y: its centre.
+        length, depth: along `heading` and across it.
+        height: to the eaves.
+        heading: radians.
+        facade: its walls and roof.
+        rise: from the eaves to the ridge, which runs along `heading`; 0 for a flat roof.
+        ground: height of its foot.
+        seed: another seed gives other stains and curtains.
+        snow: share of white on the roof.
+        glow: radiance of a lit window.
+        afloat: see `things.Thing`.
     """
 
     x: float
@@ -123,16 +92,24 @@ class Building:
     ground: float = 0.0
     seed: int = 0
     snow: float = 0.0
-    glow: float = 0.0  # radiance of a lit window
+    glow: float = 0.0
+    afloat: bool = False
 
     @property
     def distance(self) -> float:
-        """To the nearest wall."""
+        """Metres from the camera to the nearest wall."""
+        along, across = self._camera()
+        return float(np.hypot(max(abs(along) - self.length / 2, 0), max(abs(across) - self.depth / 2, 0)))
+
+    def contains(self, x: float, y: float, margin: float) -> bool:
+        """Say whether a ground position lies in the building, or within `margin` metres of it."""
         c, s = np.cos(self.heading), np.sin(self.heading)
-        a, b = -self.x * c - self.y * s, self.x * s - self.y * c
-        return float(np.hypot(max(abs(a) - self.length / 2, 0), max(abs(b) - self.depth / 2, 0)))
+        along = (x - self.x) * c + (y - self.y) * s
+        across = -(x - self.x) * s + (y - self.y) * c
+        return bool(abs(along) < self.length / 2 + margin and abs(across) < self.depth / 2 + margin)
 
     def corners(self) -> np.ndarray:
+        """Return the ground positions of its corners, (4, 2) metres, in order around it."""
         c, s = np.cos(self.heading), np.sin(self.heading)
         box = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * [self.length / 2, self.depth / 2]
         return box @ np.array([[c, s], [-s, c]]) + [self.x, self.y]
@@ -143,61 +120,57 @@ class Building:
         foot, fall = self.corners(), shadows.stretch()
         points = [foot, foot + fall * self.height]
         if self.rise:
-            ridge = np.array([(foot[0] + foot[3]) / 2, (foot[1] + foot[2]) / 2]) + fall * (
-                self.height + self.rise
-            )
-            points.append(ridge)
+            ridge = np.array([(foot[0] + foot[3]) / 2, (foot[1] + foot[2]) / 2])
+            points.append(ridge + fall * (self.height + self.rise))
         shadows.polygon(cv2.convexHull(np.concatenate(points).astype(np.float32))[:, 0])
 
     def paint(self, canvas: Canvas, light: Daylight) -> None:
-        corners = self.corners()
-        middle = np.arctan2(self.y, self.x)
-        off = (np.arctan2(corners[:, 1], corners[:, 0]) - middle + np.pi) % (2 * np.pi) - np.pi
-        centre, half = middle + (off.max() + off.min()) / 2, (off.max() - off.min()) / 2 + 2 * canvas.pixel
-        columns = canvas.columns(centre, half)
+        columns = self._columns(canvas)
         if len(columns) < 2 or self.distance < 0.5:
             return
-        fine = (columns[0] - 0.5 + (np.arange(len(columns) * _OVER) + 0.5) / _OVER).astype(np.float64)
-        hit, near, far, side, along, profile = self._cast_columns(canvas, fine)
-        if not hit.any():
+        count = len(columns) * _OVERSAMPLING
+        fine = columns[0] - 0.5 + (np.arange(count) + 0.5) / _OVERSAMPLING
+        rays = self._cast_rays(canvas, fine)
+        if not rays.hit.any():
             return
-        eye, top_z = canvas.eye - self.ground, self.height
-        with np.errstate(invalid="ignore", divide="ignore"):
-            peak = np.maximum((profile[0] - eye) / near, (profile[1] - eye) / far)
-            peak = np.where(
-                profile[3] > 0,
-                np.maximum(peak, (top_z + self.rise - eye) / np.maximum(profile[3], 1e-3)),
-                peak,
-            )
-        upper = np.where(hit, canvas.row(np.arctan(peak)), 1e9)
-        lower = np.where(hit, canvas.row(np.arctan(-eye / near)), -1e9)
-        first = int(np.floor(upper.min()))
+        upper, lower = self._row_limits(canvas, rays)
+        first = max(0, int(np.floor(upper.min())))
         last = min(canvas.height - 1, int(np.ceil(lower.max())))
-        first = max(0, first)
         if last <= first:
             return
         rows = np.arange(first, last + 1)
-        pick = np.argmax(hit.reshape(-1, _OVER), 1) + np.arange(len(columns)) * _OVER
         alpha = np.zeros((len(rows), len(columns)), np.float32)
-        for k in range(_OVER):
-            u, low, h = upper[k::_OVER], lower[k::_OVER], hit[k::_OVER]
-            alpha += np.clip(rows[:, None] - u + 0.5, 0, 1) * np.clip(low - rows[:, None] + 0.5, 0, 1) * h
-        alpha /= _OVER
-        tangent = np.tan(canvas.theta[rows]).astype(np.float32)[:, None]
-        values = [v[pick][None].astype(np.float32) for v in (near, far, along, profile[0], profile[2])]
-        radiance = self._shade(canvas, light, columns, rows, tangent, side[pick], values, fine[pick])
-        radiance = canvas.haze(radiance, values[0][..., None], columns)
+        for k in range(_OVERSAMPLING):
+            above = np.clip(rows[:, None] - upper[k::_OVERSAMPLING] + 0.5, 0, 1)
+            below = np.clip(lower[k::_OVERSAMPLING] - rows[:, None] + 0.5, 0, 1)
+            alpha += above * below * rays.hit[k::_OVERSAMPLING]
+        alpha /= _OVERSAMPLING
+        # One ray per column, the first that hits, gives the column its colour.
+        first_hit = np.argmax(rays.hit.reshape(-1, _OVERSAMPLING), 1)
+        view = rays.picked(first_hit + np.arange(len(columns)) * _OVERSAMPLING)
+        radiance = self._shade(canvas, light, columns, rows, view)
+        radiance = canvas.haze(radiance, view.near[..., None], columns)
         canvas.paste(radiance.astype(np.float32), alpha, first, columns)
 
-    def _cast_columns(self, canvas: Canvas, fine: np.ndarray):
-        """Along every column's ray: does it hit, distance in and out, which wall (0..3), metres along the wall, roof
-        heights.
-        """
+    def _columns(self, canvas: Canvas) -> np.ndarray:
+        """Return the whole columns, not wrapped, that the building covers."""
+        corners = self.corners()
+        middle = np.arctan2(self.y, self.x)
+        off = (np.arctan2(corners[:, 1], corners[:, 0]) - middle + np.pi) % (2 * np.pi) - np.pi
+        centre = middle + (off.max() + off.min()) / 2
+        return canvas.columns(centre, (off.max() - off.min()) / 2 + 2 * canvas.pixel)
+
+    def _cast_rays(self, canvas: Canvas, fine: np.ndarray) -> _Rays:
+        """Follow the ray of every fractional column `fine` (n,) through the building."""
         phi = (0.5 - (fine + 0.5) / canvas.width) * 2 * np.pi
         c, s = np.cos(self.heading), np.sin(self.heading)
-        da, db = np.cos(phi) * c + np.sin(phi) * s, -np.cos(phi) * s + np.sin(phi) * c
-        oa, ob = -self.x * c - self.y * s, self.x * s - self.y * c
-        da, db = (np.where(np.abs(d) < 1e-9, 1e-9, d) for d in (da, db))
+        # In the building's axes, a along `heading` and b across it, the camera is at (oa, ob) and the ray
+        # runs along (da, db).
+        oa, ob = self._camera()
+        da = np.cos(phi) * c + np.sin(phi) * s
+        db = -np.cos(phi) * s + np.sin(phi) * c
+        da = np.where(np.abs(da) < 1e-9, 1e-9, da)
+        db = np.where(np.abs(db) < 1e-9, 1e-9, db)
         ta = np.sort(np.stack([(-self.length / 2 - oa) / da, (self.length / 2 - oa) / da]), 0)
         tb = np.sort(np.stack([(-self.depth / 2 - ob) / db, (self.depth / 2 - ob) / db]), 0)
         near, far = np.maximum(ta[0], tb[0]), np.minimum(ta[1], tb[1])
@@ -207,188 +180,125 @@ class Building:
         side = np.where(end, np.where(da > 0, 0, 1), np.where(db > 0, 2, 3))
         b_in, b_out = ob + near * db, ob + far * db
         along = np.where(end, b_in + self.depth / 2, oa + near * da + self.length / 2)
-
-        def roof(b):
-            return self.height + self.rise * np.clip(1 - np.abs(b) / (self.depth / 2), 0, 1)
-
         ridge = -ob / db
         ridge = np.where((ridge > near) & (ridge < far) & (self.rise > 0), ridge, -1.0)
-        # Coefficient of the near slope: its height is eaves + rise - k (ob + t db).
-        k = 2 * self.rise / self.depth * np.sign(b_in)
-        self._slope = (ob, db, k)
-        return hit, near, far, side, along, (roof(b_in), roof(b_out), np.arange(len(fine)), ridge)
+        slope = 2 * self.rise / self.depth * np.sign(b_in)
+        return _Rays(
+            hit, near, far, side, along, self._roof_height(b_in), self._roof_height(b_out), ridge, db, slope
+        )
 
-    def _shade(self, canvas, light, columns, rows, tangent, side, values, where):
-        near, far, along, wall_top, index = values
-        eye = canvas.eye - self.ground
-        z = eye + near * tangent
-        soft = np.maximum(near * canvas.pixel, 0.01)
+    def _camera(self) -> tuple[float, float]:
+        """Return where the camera is, seen from the building's centre: metres along `heading` and across."""
         c, s = np.cos(self.heading), np.sin(self.heading)
-        normals = np.array([[-c, -s, 0], [c, s, 0], [s, -c, 0], [-s, c, 0]])[side]
-        span = np.where(side < 2, self.depth, self.length).astype(np.float32)[None]
-        albedo, glass, lit = self._facade(along, z, span, wall_top, soft, side)
+        return -self.x * c - self.y * s, self.x * s - self.y * c
+
+    def _roof_height(self, across: np.ndarray) -> np.ndarray:
+        """Return the metres of the roof above the foot, at positions across the ridge in metres."""
+        return self.height + self.rise * np.clip(1 - np.abs(across) / (self.depth / 2), 0, 1)
+
+    def _row_limits(self, canvas: Canvas, rays: _Rays) -> tuple[np.ndarray, np.ndarray]:
+        """Return the fractional rows (n,) of the roof's upper edge and of the foot, in every fine column."""
+        eye = canvas.eye - self.ground
+        with np.errstate(invalid="ignore", divide="ignore"):
+            peak = np.maximum((rays.near_top - eye) / rays.near, (rays.far_top - eye) / rays.far)
+            at_ridge = (self.height + self.rise - eye) / np.maximum(rays.ridge, 1e-3)
+            peak = np.where(rays.ridge > 0, np.maximum(peak, at_ridge), peak)
+        upper = np.where(rays.hit, canvas.row(np.arctan(peak)), 1e9)
+        lower = np.where(rays.hit, canvas.row(np.arctan(-eye / rays.near)), -1e9)
+        return upper, lower
+
+    def _shade(
+        self, canvas: Canvas, light: Daylight, columns: np.ndarray, rows: np.ndarray, view: _Rays
+    ) -> np.ndarray:
+        """Return the radiance (h, w, 3) of the building in these rows (h,) and columns (w,)."""
+        tangent = np.tan(canvas.theta[rows]).astype(np.float32)[:, None]
+        z = canvas.eye - self.ground + view.near * tangent
+        soft = np.maximum(view.near * canvas.pixel, 0.01)
+        c, s = np.cos(self.heading), np.sin(self.heading)
+        normals = np.array([[-c, -s, 0], [c, s, 0], [s, -c, 0], [-s, c, 0]])[view.side]
+        span = np.where(view.side < 2, self.depth, self.length).astype(np.float32)[None]
+        points = WallPoints(view.along, z, span, view.near_top, soft, view.side)
+        albedo, glass, lit = wall_appearance(self.facade, self.seed, points)
         ambient = 0.5 * light.sky_colour + 0.09 * (light.sun_colour * max(light.sun[2], 0) + light.sky_colour)
         sunny = np.clip(normals @ light.sun, 0, 1)[None, :, None]
         shade = np.clip(0.75 + 0.25 * z / 4, 0.55, 1)[..., None]  # a street is darker down at its foot
         radiance = albedo / np.pi * (sunny * light.sun_colour + shade * ambient)
         if glass.any():
-            radiance = radiance + glass[..., None] * (
-                self._mirror(canvas, columns, rows, normals, along, z) - radiance
-            )
+            mirror = self._mirror(canvas, columns, rows, normals, view.along, z)
+            radiance = radiance + glass[..., None] * (mirror - radiance)
         radiance += (lit * self.glow)[..., None] * np.array([1.0, 0.72, 0.40])
-        # The roof, where the ray passes over the wall.
-        over = z > wall_top
-        if over.any():
-            ob, db, k = self._slope
-            db, k = db[index[0].astype(int)][None], k[index[0].astype(int)][None]
-            if self.rise:
-                t = (self.height + self.rise - k * ob - eye) / np.where(
-                    np.abs(tangent + k * db) < 1e-6, 1e-6, tangent + k * db
-                )
-                up = np.array([0, 0, 1.0]) * self.depth / 2
-                sign = np.sign(k)[0][:, None]
-                normal = (np.array([-s, c, 0])[None] * sign * self.rise + up) / np.hypot(
-                    self.rise, self.depth / 2
-                )
-            else:
-                t = (self.height - eye) / np.where(np.abs(tangent) < 1e-6, 1e-6, tangent)
-                normal = np.tile([0, 0, 1.0], (len(columns), 1))
-            t = np.clip(t, near, far)
-            roof_z = eye + t * tangent
-            roof = self._roof(roof_z, along, near * canvas.pixel)
-            direct = np.clip(normal @ light.sun, 0, 1)[None, :, None]
-            cover = roof / np.pi * (direct * light.sun_colour + 0.9 * light.sky_colour)
-            edge = np.clip((z - wall_top) / soft, 0, 1)[..., None]
+        if (z > view.near_top).any():  # here the ray passes over the wall and meets the roof
+            cover = self._roof_radiance(canvas, light, tangent, view)
+            edge = np.clip((z - view.near_top) / soft, 0, 1)[..., None]
             radiance = radiance + edge * (cover - radiance)
         return radiance
 
-    def _roof(self, z, along, soft):
+    def _roof_radiance(self, canvas: Canvas, light: Daylight, tangent: np.ndarray, view: _Rays) -> np.ndarray:
+        """Return the radiance (h, w, 3) of the roof. tangent: (h, 1) of the elevation of every row."""
+        eye = canvas.eye - self.ground
+        if self.rise:
+            # t metres along the ray, the near slope is height + rise - slope * (ob + t * across) metres high.
+            c, s = np.cos(self.heading), np.sin(self.heading)
+            _, ob = self._camera()
+            steepness = tangent + view.slope * view.across
+            t = self.height + self.rise - view.slope * ob - eye
+            t = t / np.where(np.abs(steepness) < 1e-6, 1e-6, steepness)
+            up = np.array([0, 0, 1.0]) * self.depth / 2
+            sideways = np.array([-s, c, 0])[None] * np.sign(view.slope)[0][:, None] * self.rise
+            normal = (sideways + up) / np.hypot(self.rise, self.depth / 2)
+        else:
+            t = (self.height - eye) / np.where(np.abs(tangent) < 1e-6, 1e-6, tangent)
+            normal = np.tile([0, 0, 1.0], (len(view.side), 1))
+        t = np.clip(t, view.near, view.far)
+        albedo = self._roof_albedo(eye + t * tangent, view.along, view.near * canvas.pixel)
+        direct = np.clip(normal @ light.sun, 0, 1)[None, :, None]
+        return albedo / np.pi * (direct * light.sun_colour + 0.9 * light.sky_colour)
+
+    def _roof_albedo(self, z: np.ndarray, along: np.ndarray, soft: np.ndarray) -> np.ndarray:
+        """Return the albedo (h, w, 3) of the roof, with courses of tiles and snow.
+
+        Args:
+            z: (h, w) metres above the building's foot.
+            along: (1, w) metres along the wall below.
+            soft: (1, w) metres that a pixel covers.
+        """
         roof = np.asarray(self.facade.roof, np.float32)
         if self.snow:
-            roof = roof + self.snow * (np.array([0.78, 0.8, 0.84], np.float32) - roof)
+            roof = roof + self.snow * (np.array(SNOW, np.float32) - roof)
         tile = fbm_tile(1024, 1.2, 160)
         rough = look(tile, (along + 0 * z).astype(np.float32), (z * 2.0).astype(np.float32), 9.0)
-        course = (
-            np.sin(z * (2 * np.pi / 0.19))
-            * np.clip(1 - soft / 0.08, 0, 1)
-            * (self.rise > 0)
-            * (1 - self.snow)
-        )
+        sharp = np.clip(1 - soft / 0.08, 0, 1)
+        course = np.sin(z * (2 * np.pi / 0.19)) * sharp * (self.rise > 0) * (1 - self.snow)
         return roof * np.exp(0.13 * rough + 0.18 * course)[..., None]
 
-    def _facade(self, along, z, span, top, soft, side):
-        """Albedo (h, w, 3), glass 0..1 (h, w) and lit windows 0..1 (h, w)."""
-        f = self.facade
-        s = along + 0 * z
-        tile = fbm_tile(1024, 1.3, 161)
-        phase = 17.0 * self.seed + 31.0 * side[None]
-        grime = look(tile, (s + phase).astype(np.float32), z.astype(np.float32), 23.0)
-        streak = look(tile, (s * 3 + phase).astype(np.float32), (z * 0.25).astype(np.float32), 19.0)
-        tone = 0.07 * grime + 0.05 * streak
-        if f.bands == "hedge":
-            leaves = look(
-                fbm_tile(1024, 0.35, 162), (s + phase).astype(np.float32), z.astype(np.float32), 4.0
-            )
-            tone = 0.55 * leaves + 0.25 * grime
-        elif f.bands == "brick":
-            course = np.floor(z / 0.075)
-            joint = np.maximum(
-                _line(z, 0.075, 0.012, soft), _line(s + (course % 2) * 0.12, 0.24, 0.012, soft)
-            )
-            which = np.sin(np.floor((s + (course % 2) * 0.12) / 0.24) * 12.99 + course * 78.2) * 43758.5
-            tone = (
-                tone + 0.35 * (which - np.floor(which) - 0.5) * np.clip(1.2 - soft / 0.1, 0, 1) + 0.5 * joint
-            )
-        elif f.bands == "ribs":
-            tone = tone + 0.16 * np.sin(s * (2 * np.pi / 0.3)) * np.clip(1 - soft / 0.14, 0, 1)
-        elif f.bands == "panel":
-            joint = np.maximum(_line(s, f.pitch[0], 0.04, soft), _line(z, f.pitch[1], 0.04, soft))
-            tone = tone - 0.35 * joint
-        albedo = np.asarray(f.wall, np.float32) * np.exp(tone)[..., None]
-        low = smooth(f.plinth + 0.03, f.plinth - 0.03, z) * (f.plinth > 0)
-        albedo = albedo * (1 - 0.45 * low)[..., None]
-        cornice = np.clip((0.35 - np.abs(top - 0.2 - z)) / soft, 0, 1) * (
-            f.bands not in ("hedge", "ribs", "open")
-        )
-        albedo = (
-            albedo
-            * (
-                1
-                + 0.18 * cornice
-                - 0.35 * np.clip((0.12 - np.abs(top - 0.62 - z)) / soft, 0, 1) * (cornice < 1)
-            )[..., None]
-        )
-        nothing = np.zeros_like(z)
-        if f.window[0] <= 0:
-            return albedo, nothing, nothing
-        count = np.maximum(1, np.floor((span - 0.8) / f.pitch[0]))
-        margin = (span - count * f.pitch[0]) / 2
-        column = (s - margin) / f.pitch[0]
-        storey = (z - 0.15) / f.pitch[1]
-        du = (column - np.floor(column) - 0.5) * f.pitch[0]
-        dv = (storey - np.floor(storey)) * f.pitch[1] - f.sill - f.window[1] / 2
-        inside = (
-            (column > 0)
-            & (column < count)
-            & (np.floor(storey) >= 0)
-            & ((np.floor(storey) + 1) * f.pitch[1] <= top - 0.25 + 0.05 * (f.bands == "open"))
-        )
-        hole = (
-            np.clip((f.window[0] / 2 - np.abs(du)) / soft + 0.5, 0, 1)
-            * np.clip((f.window[1] / 2 - np.abs(dv)) / soft + 0.5, 0, 1)
-            * inside
-        )
-        fade = np.clip(1.5 - soft / (0.5 * f.pitch[0]), 0, 1)
-        hole = hole * fade + (1 - fade) * 0.3 * inside
-        pane = np.clip((f.window[0] / 2 - f.frame - np.abs(du)) / soft + 0.5, 0, 1) * np.clip(
-            (f.window[1] / 2 - f.frame - np.abs(dv)) / soft + 0.5, 0, 1
-        )
-        if f.frame and f.bands != "":
-            pane = pane * (1 - np.clip((f.frame / 2 - np.abs(du)) / soft + 0.5, 0, 1) * (f.window[0] > 0.9))
-        seed = self.seed * 7.3 + side[None] * 3.1
-        random = np.sin(np.floor(column) * 127.1 + np.floor(storey) * 311.7 + seed) * 43758.5453
-        random = random - np.floor(random)
-        # The reveal throws a shadow from above; rooms are dark, some behind a curtain.
-        reveal = 1 - 0.5 * np.clip((dv - f.window[1] / 2 + 0.22) / 0.1, 0, 1)
-        if f.bands == "open":
-            depth = 0.035 + 0.10 * np.clip(0.5 - dv / f.window[1], 0, 1) * (0.5 + random)
-            room = depth[..., None] * np.array([1.0, 0.97, 0.92])
-        else:
-            curtain = (random > 0.62) * smooth(-0.5, 0.3, dv / f.window[1] + (random - 0.8) * 3)
-            room = (0.025 + 0.28 * curtain * (random > 0.62))[..., None] * np.array([1.0, 0.98, 0.93])
-        rim = (
-            np.array([0.55, 0.54, 0.52])
-            if sum(f.wall) < 1.2 and f.bands == "brick" or f.bands == "plaster"
-            else np.asarray(f.wall) * 0.55
-        )
-        rim = rim if f.bands != "open" else np.asarray(f.wall)
-        opening = rim + pane[..., None] * (room - rim)
-        albedo = albedo + hole[..., None] * (opening * reveal[..., None] - albedo)
-        lit = hole * pane * (np.modf(random * 7.77)[0] < f.lit) * (0.35 + 0.65 * np.modf(random * 3.3)[0])
-        return albedo, hole * pane * f.glass * (f.bands != "open"), lit
+    def _mirror(
+        self,
+        canvas: Canvas,
+        columns: np.ndarray,
+        rows: np.ndarray,
+        normals: np.ndarray,
+        along: np.ndarray,
+        z: np.ndarray,
+    ) -> np.ndarray:
+        """Return what the panes mirror (h, w, 3): the picture so far, at the mirrored azimuth.
 
-    def _mirror(self, canvas, columns, rows, normals, along, z):
-        """What the panes reflect: the picture so far, at the mirrored azimuth; every pane is set a little askew."""
-        f = self.facade
+        Every pane is set a little askew.
+
+        Args:
+            canvas, columns, rows: see `_shade`.
+            normals: (w, 3) of the wall in every column.
+            along, z: (1, w) and (h, w) metres along the wall and above the foot.
+        """
+        pitch, storey_height = self.facade.pitch
         phi = (0.5 - (columns + 0.5) / canvas.width) * 2 * np.pi
         wall = np.arctan2(normals[:, 1], normals[:, 0])
         mirrored = (2 * wall - phi + np.pi)[None]
-        pane = (
-            np.sin(np.floor(along / f.pitch[0]) * 91.7 + np.floor(z / f.pitch[1]) * 57.3 + self.seed)
-            * 1758.5453
-        )
-        pane = pane - np.floor(pane) - 0.5
-        theta = np.abs(canvas.theta[rows][:, None]) + 0.02 + 0.035 * pane
-        u = (canvas.column(mirrored + 0.05 * pane) % canvas.width).astype(np.float32)
+        pane = np.sin(np.floor(along / pitch) * 91.7 + np.floor(z / storey_height) * 57.3 + self.seed)
+        askew = fraction(pane * 1758.5453) - 0.5
+        theta = np.abs(canvas.theta[rows][:, None]) + 0.02 + 0.035 * askew
+        u = (canvas.column(mirrored + 0.05 * askew) % canvas.width).astype(np.float32)
         v = np.clip(canvas.row(theta), 0, canvas.height // 2 - 1).astype(np.float32)
-        seen = cv2.remap(
-            canvas.image[: canvas.height // 2], u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP
-        )
-        return np.minimum(seen, 6 * max(float(np.median(seen)), 1e-3)) * np.array(
-            [0.80, 0.86, 0.88], np.float32
-        )
-
-
-def _line(x, pitch, width, soft):
-    gap = np.abs((x + pitch / 2) % pitch - pitch / 2)
-    return np.clip((width / 2 - gap) / soft + 0.5, 0, 1) * np.clip(1.4 - soft / pitch, width / pitch, 1)
+        above = canvas.image[: canvas.height // 2]
+        seen = cv2.remap(above, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+        brightest = 6 * max(float(np.median(seen)), 1e-3)
+        return np.minimum(seen, brightest) * np.array([0.80, 0.86, 0.88], np.float32)

@@ -1,4 +1,9 @@
-"""Which panoramas stand behind the drones: a folder of the user's, or the 22 procedural ones, drawn once and kept in a cache."""
+"""Which panoramas stand behind the drones: a folder of the user's own, or the 22 procedural ones.
+
+The procedural ones are drawn once, in about 100 seconds of one core, and then read from a cache on disk.
+"""
+
+from __future__ import annotations
 
 import hashlib
 import os
@@ -10,54 +15,76 @@ from tqdm import tqdm
 
 from dronekeypp.environments import ENVIRONMENTS, render_environment
 from dronekeypp.errors import InputError
+from dronekeypp.files import write_beside
 
 SUFFIXES = {".jpg", ".jpeg", ".png"}
 
 
-def cache_folder():
-    """Where drawn panoramas are kept: $DRONEKEYPP_CACHE, else the user's cache folder. Safe to delete."""
-    base = os.environ.get("DRONEKEYPP_CACHE")
-    return (
-        Path(base)
-        if base
-        else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dronekeypp"
-    )
+def cache_folder() -> Path:
+    """Return the folder where drawn panoramas are cached. It is safe to delete.
+
+    It is $DRONEKEYPP_CACHE if that is set, else `dronekeypp` in $XDG_CACHE_HOME, else ~/.cache/dronekeypp.
+    """
+    own_folder = os.environ.get("DRONEKEYPP_CACHE")
+    if own_folder:
+        return Path(own_folder)
+    user_cache = os.environ.get("XDG_CACHE_HOME")
+    if user_cache:
+        return Path(user_cache) / "dronekeypp"
+    return Path.home() / ".cache" / "dronekeypp"
 
 
-def environment_files(directory=None, workers=1, progress=True):
-    """Paths of the equirectangular images, in a fixed order.
+def environment_files(
+    directory: str | Path | None = None, workers: int = 1, progress: bool = True
+) -> list[Path]:
+    """Return the paths of the equirectangular images, in a fixed order.
 
     Args:
-        directory: a folder of them (JPEG or PNG, sorted by name); None for the procedural ones, drawn first where they are missing.
+        directory: a folder of JPEG or PNG images; they are sorted by path. None for the 22 procedural
+            environments, in the order of `ENVIRONMENTS`. Those that are not in the cache yet are drawn first.
+        workers: processes that draw.
+        progress: whether a progress bar is shown while drawing.
 
     Raises:
-        InputError: no such folder, or no image in it.
+        InputError: there is no such folder, or no image in it.
     """
     if directory is not None:
-        directory = Path(directory)
-        if not directory.is_dir():
-            raise InputError(f"{directory}: no such folder of environments")
-        files = sorted(p for p in directory.iterdir() if p.suffix.lower() in SUFFIXES)
-        if not files:
-            raise InputError(f"{directory}: no .jpg or .png in it; put equirectangular 2:1 images there")
-        return files
-    # The drawing code's own digest is part of the name: a changed painter never leaves old pictures behind.
-    painters = sorted(p for p in Path(__file__).parent.glob("*.py") if p.name != Path(__file__).name)
-    version = hashlib.sha256(b"".join(p.read_bytes() for p in painters)).hexdigest()[:12]
-    folder = cache_folder() / f"environments-{version}"
+        return _images_in(Path(directory))
+    folder = cache_folder() / f"environments-{_code_version()}"
     files = [folder / f"{name}.jpg" for name in ENVIRONMENTS]
-    missing = [f for f in files if not f.exists()]
+    missing = [file for file in files if not file.exists()]
     if missing:
         folder.mkdir(parents=True, exist_ok=True)
-        jobs = (joblib.delayed(_paint)(f) for f in missing)
-        done = joblib.Parallel(n_jobs=min(workers, len(missing)), return_as="generator_unordered")(jobs)
-        for _ in tqdm(done, total=len(missing), unit="panorama", disable=None if progress else True):
+        jobs = [joblib.delayed(_draw)(file) for file in missing]
+        pool = joblib.Parallel(n_jobs=min(workers, len(missing)), return_as="generator_unordered")
+        for _ in tqdm(pool(jobs), total=len(missing), unit="panorama", disable=None if progress else True):
             pass
     return files
 
 
-def _paint(path):
-    image = render_environment(path.stem)
-    beside = path.with_name(f".{path.stem}.{os.getpid()}.jpg")
-    cv2.imwrite(str(beside), cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, 92])
-    beside.replace(path)
+def _images_in(folder: Path) -> list[Path]:
+    """Return the images in a folder, sorted. Raises InputError as `environment_files` does."""
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder of environments")
+    files = sorted(file for file in folder.iterdir() if file.suffix.lower() in SUFFIXES)
+    if not files:
+        raise InputError(f"{folder}: no .jpg or .png in it; put equirectangular 2:1 images there")
+    return files
+
+
+def _code_version() -> str:
+    """Return a digest of the drawing code, so that changed code never meets pictures that older code drew."""
+    digest = hashlib.sha256()
+    for source in sorted(Path(__file__).parent.glob("*.py")):
+        if source.name != Path(__file__).name:
+            digest.update(source.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def _draw(path: Path) -> None:
+    """Draw the environment that `path` is named after, and write it there as a JPEG.
+
+    The file appears at once under its name: another process that draws the same one does no harm.
+    """
+    image = cv2.cvtColor(render_environment(path.stem), cv2.COLOR_RGB2BGR)
+    write_beside(path, cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 92])[1].tobytes())

@@ -4,24 +4,35 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from dronekeypp.environments.specs import Colour, Range
+
 
 @dataclass(frozen=True)
 class Kind:
     """How a plant grows. Lengths are shares of its height.
 
-    crown: (bottom, top) of the crown. width: of the crown. shape: ellipsoid, cone, column, umbrella, flat, fan, none.
-    clumps, leaves: how many clumps of foliage, and leaves in all. leaf: (long, short) in drawn pixels. spread: size
-    of a clump. bark: RGB albedo. twigs: thin branches drawn.
+    Attributes:
+        shape: ellipsoid, cone, column, umbrella, flat (crowns of leaves), fan (a palm), tuft (grass), rock,
+            none.
+        crown: (bottom, top) of the crown.
+        width: of the crown.
+        clumps: how many clumps of foliage; for a fan, how many fronds.
+        leaves: how many leaves in all; for a tuft, how many blades.
+        leaf: (long, short) half axes of a leaf in drawn pixels.
+        spread: size of a clump.
+        bark: albedo of the bark, or of the rock.
+        trunk: thickness of the trunk at its foot; 0 for none.
+        twigs: stems of a shrub; above 500, a crown of bare twigs.
     """
 
     shape: str = "ellipsoid"
-    crown: tuple[float, float] = (0.18, 1.0)
+    crown: Range = (0.18, 1.0)
     width: float = 0.75
     clumps: int = 70
     leaves: int = 26000
     leaf: tuple[float, float] = (3.9, 2.4)
     spread: float = 0.085
-    bark: tuple[float, float, float] = (0.13, 0.10, 0.075)
+    bark: Colour = (0.13, 0.10, 0.075)
     trunk: float = 0.035
     twigs: int = 0
 
