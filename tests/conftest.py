@@ -1,3 +1,5 @@
+"""What many tests share: small panoramas, and a small data set drawn before them."""
+
 import os
 
 import cv2
@@ -6,13 +8,15 @@ import pytest
 
 from dronekeypp.sixdronesyn.generate import generate
 
-os.environ.setdefault(
-    "OMP_WAIT_POLICY", "PASSIVE"
-)  # for the processes that tests start; see notebooks/conftest.py
+# for the processes that tests start; see notebooks/conftest.py
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 
 def paint_environments(folder, n=6, seed=5):
-    """`n` small panoramas: a blue sky with a sun over a patterned ground. Enough to be told apart, quick to draw."""
+    """Paint `n` small panoramas: a blue sky with a sun over a patterned ground.
+
+    They are quick to draw, and different enough to be told apart.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(seed)
     for i in range(n):
@@ -32,9 +36,8 @@ def environments(tmp_path_factory):
     return paint_environments(tmp_path_factory.mktemp("data") / "environments")
 
 
-SMALL = dict(
-    scene_numbers=[1, 3, 6], drone_names=["Mini2", "Tello"], size=64, stride=30, progress=False
-)  # 72 frames
+# 72 frames
+SMALL = dict(scene_numbers=[1, 3, 6], drone_names=["Mini2", "Tello"], size=64, stride=30, progress=False)
 
 
 @pytest.fixture(scope="session")

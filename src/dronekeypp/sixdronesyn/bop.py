@@ -1,169 +1,235 @@
-"""The on-disk format: BOP's folders and field names, plus the four keypoints; a COCO-keypoints export beside it.
+"""The on-disk format: BOP's folders and field names, plus the four keypoints.
 
-    ROOT/manifest.json                      settings, versions, environments, a digest a frame
-    ROOT/coco_train.json, …                 COCO-keypoints, in pixels of the stored images
+    ROOT/manifest.json                      6DroneSyn only: settings, versions, a digest a frame
+    ROOT/coco_train.json, …                 COCO-keypoints, in pixels of the stored images (see `coco`)
     ROOT/models/models_info.json, obj_000001.ply, …
     ROOT/train/000400/rgb/000000.jpg, …     one folder a flight: scene × 100 + drone × 10 + background
                       scene_camera.json     cam_K, cam_R_w2c, cam_t_w2c
-                      scene_gt.json         obj_id, cam_R_m2c, cam_t_m2c, keypoints_2d, keypoints_3d, keypoints_visible
+                      scene_gt.json         obj_id, cam_R_m2c, cam_t_m2c, keypoints_2d, keypoints_3d,
+                                            keypoints_visible
                       scene_gt_info.json    bbox_obj, bbox_visib, visib_fract, crop
                       flight.json           scene, drone, take, environment, turn, seed, fps
 
-Millimetres here and only here. All pixels in the three scene files are full-frame pixels, whether whole frames or crops are stored: a crop never
-changes an annotation. `crop` is the square (x, y, side) that a stored crop shows, null for whole frames. A mesh in models/ has no propellers, as it
-is what stands still; bbox_obj holds the discs they sweep, so it is larger than the mesh's own.
+Millimetres here and only here. All pixels in the three scene files are full-frame pixels, whether whole
+frames or crops are stored: a crop never changes an annotation. `crop` is the square (x, y, side) that a
+stored crop shows, null for whole frames. A mesh in models/ has no propellers, as it is what stands still;
+bbox_obj holds the discs they sweep, so it is larger than the mesh's own.
+
+Any BOP folder can be read, see `dronekeypp.data`: only cam_K, obj_id and bbox_obj must be there. What else is
+not there is None in the frames.
 """
 
-import json
-import os
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from scipy.spatial import ConvexHull
-from scipy.spatial.distance import pdist
 
 from dronekeypp import files
-from dronekeypp.camera import check_intrinsics
+from dronekeypp.camera import check_intrinsics, project
+from dronekeypp.classes import DroneClass
 from dronekeypp.errors import InputError
 from dronekeypp.rotations import check_rotation
-from dronekeypp.sixdronesyn.drones import DRONES, KEYPOINT_NAMES
-from dronekeypp.sixdronesyn.scenes import HEIGHT, WIDTH
+from dronekeypp.sixdronesyn.instances import Instances, one_value
 
 SCENE_FILES = ("scene_camera.json", "scene_gt.json", "scene_gt_info.json")
-SKELETON = [[1, 2], [2, 3], [3, 4], [4, 1]]
 MM = 1000.0
+INVISIBLE = [-1, -1, -1, -1]  # BOP's bbox_obj of an object that is not in the picture
 
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame's annotation. Metres and full-frame pixels.
+    """One drone in one frame: its annotation, in metres and full-frame pixels.
 
-    K (3, 3) · camera_R (3, 3), camera_t (3,): camera←world · R (3, 3), t (3,): camera←body · keypoints_2d (4, 2) · keypoints_3d (4, 3) in camera
-    axes · visible (4,) bool, in the frame and not hidden by the drone itself · box (x, y, w, h) · square (x, y, side) or None · obj_id 1 to 7, and on
-    for drones of your own.
+    Attributes:
+        number: of the frame in its flight.
+        K: (3, 3) camera matrix.
+        camera_R, camera_t: (3, 3) and (3,), camera←world.
+        obj_id: the drone's number in models/, from 1.
+        R, t: (3, 3) and (3,), camera←body.
+        keypoints_2d: (4, 2) pixels.
+        keypoints_3d: (4, 3) in camera axes.
+        visible: (4,) bool, in the frame and not hidden by the drone itself.
+        box: x, y, width, height.
+        square: x, y, side of a stored crop; None of a whole frame.
     """
 
     number: int
     K: np.ndarray
-    camera_R: np.ndarray
-    camera_t: np.ndarray
+    camera_R: np.ndarray | None
+    camera_t: np.ndarray | None
     obj_id: int
-    R: np.ndarray
-    t: np.ndarray
-    keypoints_2d: np.ndarray
-    keypoints_3d: np.ndarray
-    visible: np.ndarray
+    R: np.ndarray | None
+    t: np.ndarray | None
+    keypoints_2d: np.ndarray | None
+    keypoints_3d: np.ndarray | None
+    visible: np.ndarray | None
     box: np.ndarray
     square: np.ndarray | None
 
-    def to_bop(self):
-        """The frame's entries in the three scene files."""
-        box = _numbers(self.box, 3)
+    def to_bop(self) -> tuple[dict, dict, dict]:
+        """The frame's entries in the three scene files: (camera, truth, info).
+
+        No field but `square` may be None.
+        """
+        box = numbers(self.box, 3)
         camera = {
-            "cam_K": _numbers(self.K),
-            "cam_R_w2c": _numbers(self.camera_R, 9),
-            "cam_t_w2c": _numbers(self.camera_t * MM),
+            "cam_K": numbers(self.K),
+            "cam_R_w2c": numbers(self.camera_R, 9),
+            "cam_t_w2c": numbers(self.camera_t * MM),
             "depth_scale": 1.0,
         }
         truth = {
             "obj_id": self.obj_id,
-            "cam_R_m2c": _numbers(self.R, 9),
-            "cam_t_m2c": _numbers(self.t * MM),
-            "keypoints_2d": _numbers(self.keypoints_2d),
-            "keypoints_3d": _numbers(self.keypoints_3d * MM),
-            "keypoints_visible": [bool(v) for v in self.visible],
+            "cam_R_m2c": numbers(self.R, 9),
+            "cam_t_m2c": numbers(self.t * MM),
+            "keypoints_2d": numbers(self.keypoints_2d),
+            "keypoints_3d": numbers(self.keypoints_3d * MM),
+            "keypoints_visible": np.asarray(self.visible, dtype=bool).tolist(),
         }
         info = {
             "bbox_obj": box,
             "bbox_visib": box,
             "visib_fract": 1.0,
-            "crop": None if self.square is None else _numbers(self.square),
+            "crop": None if self.square is None else numbers(self.square),
         }
         return camera, truth, info
 
-    @classmethod
-    def from_bop(cls, number, camera, truth, info, where):
-        """Read one frame's three entries. `where` names file and frame in an error.
 
-        Raises:
-            InputError: a missing field, a wrong shape, NaN, a matrix that is no rotation, a drone behind the camera, a box or crop without
-                area, a box whose middle lies outside the crop or the frame.
-        """
-        gt = f"{where[1]} frame {number}"
-        K = _array(camera, "cam_K", 9, f"{where[0]} frame {number}").reshape(3, 3)
-        check_intrinsics(K, f"{where[0]} frame {number}: cam_K")
-        camera_R = _array(camera, "cam_R_w2c", 9, f"{where[0]} frame {number}").reshape(3, 3)
-        check_rotation(camera_R, f"{where[0]} frame {number}: cam_R_w2c")
-        R = _array(truth, "cam_R_m2c", 9, gt).reshape(3, 3)
-        check_rotation(R, f"{gt}: cam_R_m2c")
-        t = _array(truth, "cam_t_m2c", 3, gt) / MM
-        if t[2] <= 0:
-            raise InputError(f"{gt}: cam_t_m2c puts the drone behind the camera")
-        seen = f"{where[2]} frame {number}"
-        box = _array(info, "bbox_obj", 4, seen)
-        if (box[2:] <= 0).any():
-            raise InputError(f"{seen}: bbox_obj has no area ({box[2]:g} × {box[3]:g} px)")
-        square = None if info.get("crop") is None else _array(info, "crop", 3, seen)
-        left, top, wide, high = (0, 0, WIDTH, HEIGHT) if square is None else square[[0, 1, 2, 2]]
-        middle = box[:2] + box[2:] / 2
-        if wide <= 0:
-            raise InputError(f"{seen}: crop has no area (side {wide:g} px)")
-        if not (left <= middle[0] <= left + wide and top <= middle[1] <= top + high):
-            raise InputError(
-                f"{seen}: the middle of bbox_obj lies outside the {'frame' if square is None else 'stored crop'}"
-            )
-        obj_id = truth.get("obj_id")
-        if type(obj_id) is not int or not 1 <= obj_id <= len(DRONES):
-            raise InputError(f"{gt}: obj_id {obj_id!r} is not one of 1 to {len(DRONES)}")
-        return cls(
-            number=number,
-            K=K,
-            camera_R=camera_R,
-            camera_t=_array(camera, "cam_t_w2c", 3, f"{where[0]} frame {number}") / MM,
-            obj_id=obj_id,
-            R=R,
-            t=t,
-            keypoints_2d=_array(truth, "keypoints_2d", 8, gt).reshape(4, 2),
-            keypoints_3d=_array(truth, "keypoints_3d", 12, gt).reshape(4, 3) / MM,
-            visible=_array(truth, "keypoints_visible", 4, gt).astype(bool),
-            box=box,
-            square=square,
-        )
-
-
-def _numbers(array, digits=4):
+def numbers(array: np.ndarray, digits: int = 4) -> list[float]:
+    """An array as a flat list of rounded numbers."""
     return [round(float(v), digits) for v in np.asarray(array).ravel()]
 
 
-def _array(entry, key, size, where):
-    if key not in entry:
-        raise InputError(f"{where}: the field {key} is missing; generate this flight again")
-    try:
-        values = np.array(entry[key], dtype=np.float64).ravel()
-    except (TypeError, ValueError):
-        raise InputError(f"{where}: {key} is not a list of numbers") from None
-    if values.size != size:
-        raise InputError(f"{where}: {key} holds {values.size} numbers instead of {size}")
-    if not np.isfinite(values).all():
-        raise InputError(f"{where}: {key} holds NaN or infinity")
-    return values
+def frames_from(
+    folder: Path,
+    rows: Sequence[tuple[int, dict, dict, dict]],
+    models: Mapping[int, DroneClass] | None = None,
+    size: tuple[int, int] | None = None,
+) -> list[Frame]:
+    """Frames from what the scene files of a flight say of each: (number, camera, truth, info).
 
+    Keypoints that are not there follow from the pose and the hubs of `models`, where both are known.
 
-def write_json(path, data, indent=None):
-    """Write beside, then rename: a kill leaves the old file or the new one, never half of one."""
-    path = Path(path)
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    beside.write_text(json.dumps(data, indent=indent, separators=None if indent else (",", ":")) + "\n")
-    beside.replace(path)
-
-
-def read_json(path):
-    """Read a JSON file.
+    Args:
+        folder: of the flight, for the messages.
+        rows: at least one.
+        models: the drones of the data set by their number; None: any number will do.
+        size: (width, height) of the whole frames; None: unknown.
 
     Raises:
-        InputError: missing, or not JSON; the message names the file.
+        InputError: a missing field, a wrong shape, NaN, a matrix that is no rotation, an unknown drone, a
+            drone behind the camera, a box or crop without area, a box whose middle lies outside the crop or
+            the frame.
     """
+    instances = Instances([folder / name for name in SCENE_FILES], rows)
+    K = instances.stack(0, "cam_K", (3, 3))
+    instances.check(check_intrinsics, K, 0, "cam_K")
+    camera_R = instances.optional(0, "cam_R_w2c", (3, 3))
+    instances.check(check_rotation, camera_R, 0, "cam_R_w2c")
+    camera_t = instances.optional(0, "cam_t_w2c", (3,))
+    if camera_t is not None:
+        camera_t = camera_t / MM
+    R = instances.optional(1, "cam_R_m2c", (3, 3))
+    instances.check(check_rotation, R, 1, "cam_R_m2c")
+    t = instances.optional(1, "cam_t_m2c", (3,))
+    if t is not None:
+        instances.refuse(t[:, 2] <= 0, 1, "cam_t_m2c puts the drone behind the camera")
+        t = t / MM
+    obj_ids = []
+    for i, truth in enumerate(instances.entries[1]):
+        obj_ids.append(_object_id(truth, models, instances.where(1, i)))
+    box, square = _boxes(instances, size)
+
+    keypoints_3d = instances.optional(1, "keypoints_3d", (4, 3))
+    if keypoints_3d is not None:
+        keypoints_3d = keypoints_3d / MM
+    elif R is not None and t is not None:
+        keypoints_3d = _placed_hubs(obj_ids, models, R, t)
+    keypoints_2d = instances.optional(1, "keypoints_2d", (4, 2))
+    if keypoints_2d is None and keypoints_3d is not None:
+        keypoints_2d = project(keypoints_3d, K)
+    visible = instances.optional(1, "keypoints_visible", (4,))
+    if visible is not None:
+        visible = visible.astype(bool)
+
+    stacks = {
+        "K": K,
+        "camera_R": camera_R,
+        "camera_t": camera_t,
+        "R": R,
+        "t": t,
+        "keypoints_2d": keypoints_2d,
+        "keypoints_3d": keypoints_3d,
+        "visible": visible,
+        "box": box,
+        "square": square,
+    }
+    frames = []
+    for i, number in enumerate(instances.numbers):
+        fields = {name: None if values is None else values[i] for name, values in stacks.items()}
+        frames.append(Frame(number=number, obj_id=obj_ids[i], **fields))
+    return frames
+
+
+def _object_id(entry: dict, models: Mapping[int, DroneClass] | None, where: str) -> int:
+    """The drone's number in an entry of scene_gt.json. Raises InputError beginning with `where`."""
+    number = entry.get("obj_id")
+    if type(number) is not int or number < 1:
+        raise InputError(f"{where}: obj_id {number!r} is not a number from 1 on")
+    if models is not None and number not in models:
+        raise InputError(f"{where}: obj_id {number} is not in models_info.json ({_ranges(models)})")
+    return number
+
+
+def _ranges(models: Mapping[int, DroneClass]) -> str:
+    """The numbers of the drones, for a message."""
+    known = sorted(models)
+    if known == list(range(1, len(known) + 1)):
+        return f"1 to {len(known)}"
+    return ", ".join(str(number) for number in known)
+
+
+def _boxes(instances: Instances, size: tuple[int, int] | None) -> tuple[np.ndarray, np.ndarray | None]:
+    """The boxes (F, 4) and the squares (F, 3) of stored crops, or None for whole frames.
+
+    The middle of a box must lie in what is stored: in the crop, or in the frame of `size` (width, height).
+    """
+    box = instances.stack(2, "bbox_obj", (4,))
+    instances.refuse(
+        (box[:, 2:] <= 0).any(axis=1), 2, "bbox_obj has no area ({:g} × {:g} px)", values=box[:, 2:]
+    )
+    square = instances.optional(2, "crop", (3,))
+    if square is not None:
+        instances.refuse(square[:, 2] <= 0, 2, "crop has no area (side {:g} px)", values=square[:, 2:])
+        corner, extent, place = square[:, :2], square[:, 2:], "stored crop"
+    elif size is not None:
+        corner, extent, place = np.zeros(2), np.array(size), "frame"
+    else:
+        return box, None
+    middle = box[:, :2] + box[:, 2:] / 2  # (F, 2)
+    outside = (middle < corner) | (middle > corner + extent)
+    instances.refuse(outside.any(axis=1), 2, f"the middle of bbox_obj lies outside the {place}")
+    return box, square
+
+
+def _placed_hubs(
+    obj_ids: Sequence[int], models: Mapping[int, DroneClass] | None, R: np.ndarray, t: np.ndarray
+) -> np.ndarray | None:
+    """The hubs (F, 4, 3) in camera axes, from the poses; None where the hubs of a drone are not known."""
+    if models is None:
+        return None
+    hubs = [models[number].hubs for number in obj_ids]
+    if any(values is None for values in hubs):
+        return None
+    return np.stack(hubs) @ R.swapaxes(1, 2) + t[:, None]
+
+
+def read_json(path: str | Path) -> Any:
+    """Read a JSON file of a data set. Raises InputError naming the file if it is missing or not JSON."""
     return files.read_json(
         path,
         "missing; is this a data set made by `python -m dronekeypp generate`, and did it finish?",
@@ -171,110 +237,120 @@ def read_json(path):
     )
 
 
-def write_flight(folder, frames, flight):
-    """Write the three scene files and flight.json of one flight into its folder. `frames`: list of (camera, truth, info) by number."""
-    for name, part in zip(SCENE_FILES, range(3), strict=True):
-        rows = {str(n): entry[part] if part == 0 else [entry[part]] for n, entry in sorted(frames.items())}
-        write_json(folder / name, rows)
-    write_json(folder / "flight.json", flight)
+def write_flight(folder: Path, frames: Mapping[int, tuple[dict, dict, dict]], flight: dict) -> None:
+    """Write the three scene files and flight.json of one flight.
+
+    Args:
+        folder: of the flight.
+        frames: (camera, truth, info) by frame number, as `Frame.to_bop` returns them.
+        flight: what flight.json is to hold.
+    """
+    cameras, truths, infos = {}, {}, {}
+    for number, (camera, truth, info) in sorted(frames.items()):
+        cameras[str(number)] = camera
+        truths[str(number)] = [truth]  # BOP lists the objects of a frame
+        infos[str(number)] = [info]
+    for name, table in zip(SCENE_FILES, (cameras, truths, infos), strict=True):
+        files.write_json(folder / name, table)
+    files.write_json(folder / "flight.json", flight)
 
 
-def read_flight(folder):
-    """All frames of one flight folder, ordered, and its flight.json.
+def read_flight(
+    folder: str | Path,
+    models: Mapping[int, DroneClass] | None = None,
+    size: tuple[int, int] | None = None,
+) -> tuple[list[Frame], dict[str, Any]]:
+    """All frames of one flight folder, in order, and its flight.json ({} where there is none).
+
+    A drone that BOP marks as not in the picture is left out. The arguments are those of `frames_from`.
 
     Raises:
-        InputError: naming the file and the frame, see `Frame.from_bop`.
+        InputError: naming the file and the frame, see `frames_from`.
     """
     folder = Path(folder)
-    where = [folder / name for name in SCENE_FILES]
-    entries = read_entries(folder)
-    for number, entry in entries.items():
-        for file, part in zip(where, entry, strict=True):
-            if part is None:
-                raise InputError(f"{file} frame {number}: no annotation; generate this flight again")
-    return [Frame.from_bop(number, *entry, where) for number, entry in entries.items()], read_json(
-        folder / "flight.json"
-    )
+    rows = []
+    for number, (camera, truths, infos) in read_entries(folder).items():
+        for name, part in zip(SCENE_FILES, (camera, truths, infos), strict=True):
+            if not part:
+                raise InputError(f"{folder / name} frame {number}: no annotation")
+        if len(truths) != len(infos):
+            raise InputError(
+                f"{folder / SCENE_FILES[2]} frame {number}: {len(infos)} objects, "
+                f"{SCENE_FILES[1]} has {len(truths)}"
+            )
+        for truth, info in zip(truths, infos, strict=True):
+            if info.get("bbox_obj") != INVISIBLE:
+                rows.append((number, camera, truth, info))
+    flight = read_json(folder / "flight.json") if (folder / "flight.json").is_file() else {}
+    frames = frames_from(folder, rows, models, size) if rows else []
+    return frames, flight
 
 
-def read_entries(folder):
-    """{frame number: (camera, truth, info)} of one flight folder, in order; None where a file lacks a frame or holds no object there.
+def read_entries(folder: Path) -> dict[int, tuple[dict | None, list[dict], list[dict]]]:
+    """{frame number: (camera, truths, infos)} of one flight folder, in order.
+
+    `truths` and `infos` hold an entry for each drone. Where a file lacks the frame, or holds something else
+    there, `camera` is None and the lists are empty.
 
     Raises:
         InputError: a file is missing, not JSON, or not a table of frames.
     """
-    tables = []
-    for name in SCENE_FILES:
-        table = read_json(folder / name)
-        if not isinstance(table, dict) or not all(key.isdigit() for key in table):
-            raise InputError(f"{folder / name}: not a table of frames; generate this flight again")
-        if name != SCENE_FILES[0]:  # BOP lists the objects of a frame; here there is one
-            table = {key: one[0] if isinstance(one, list) and one else None for key, one in table.items()}
-        tables.append({int(key): one if isinstance(one, dict) else None for key, one in table.items()})
-    return {n: tuple(table.get(n) for table in tables) for n in sorted(set().union(*tables))}
+    cameras = _read_table(folder / SCENE_FILES[0], "frames")
+    truths = _read_table(folder / SCENE_FILES[1], "frames")
+    infos = _read_table(folder / SCENE_FILES[2], "frames")
+    entries = {}
+    for number in sorted({*cameras, *truths, *infos}):
+        camera = cameras.get(number)
+        if not isinstance(camera, dict):
+            camera = None
+        entries[number] = (camera, _objects(truths.get(number)), _objects(infos.get(number)))
+    return entries
 
 
-def image_path(folder, number):
+def _read_table(path: Path, kind: str) -> dict[int, Any]:
+    """What a JSON file says of each frame or each object (`kind`, in the plural), by its number."""
+    table = read_json(path)
+    if not isinstance(table, dict) or not all(key.isdecimal() for key in table):
+        raise InputError(f"{path}: not a table of {kind}")
+    return {int(key): entry for key, entry in table.items()}
+
+
+def _objects(entries: Any) -> list[dict]:
+    """The objects of a frame; [] unless they are a list of dicts."""
+    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+        return []
+    return entries
+
+
+def image_path(folder: str | Path, number: int) -> Path:
+    """Where the picture of a frame of 6DroneSyn is stored."""
     return Path(folder) / "rgb" / f"{number:06d}.jpg"
 
 
-def flight_folders(root, split):
-    """The finished flights of a split, in order."""
-    return sorted(p for p in (Path(root) / split).glob("[0-9]" * 6) if p.is_dir())
+def flight_folders(root: str | Path, split: str) -> list[Path]:
+    """The finished flights of a split of 6DroneSyn, in order."""
+    return sorted(path for path in (Path(root) / split).glob("[0-9]" * 6) if path.is_dir())
 
 
-def models_info():
-    """BOP's models_info.json: sizes in millimetres, plus each drone's hubs in body axes."""
-    from dronekeypp.sixdronesyn.meshes import drone_mesh
+def read_models(root: str | Path) -> dict[int, DroneClass]:
+    """The drones of a data set by their object number, from models/models_info.json; {} where there is none.
 
-    info = {}
-    for drone in DRONES.values():
-        points = np.asarray(drone_mesh(drone.name).body.points, dtype=np.float64) * MM
-        low, size = points.min(0), np.ptp(points, axis=0)
-        info[str(drone.index + 1)] = {
-            "name": drone.name,
-            "diameter": round(float(pdist(points[ConvexHull(points).vertices]).max()), 2),
-            **{f"min_{axis}": round(float(v), 2) for axis, v in zip("xyz", low, strict=True)},
-            **{f"size_{axis}": round(float(v), 2) for axis, v in zip("xyz", size, strict=True)},
-            "keypoints": [_numbers(hub * MM) for hub in drone.hubs],
-        }
-    return info
-
-
-def coco(root, split, size=None):
-    """A COCO-keypoints dictionary of one split, in pixels of the stored images (`size`: the side of stored crops, None for whole frames)."""
-    from dronekeypp.camera import to_crop
-    from dronekeypp.sixdronesyn.scenes import HEIGHT, WIDTH
-
-    images, annotations = [], []
-    for folder in flight_folders(root, split):
-        for f in read_flight(folder)[0]:
-            identity = int(folder.name) * 1000 + f.number
-            points, corners = f.keypoints_2d, np.array([f.box[:2], f.box[:2] + f.box[2:]])
-            if f.square is not None:
-                points, corners = (to_crop(p, f.square) * size for p in (points, corners))
-            (x, y), (w, h) = corners[0], corners[1] - corners[0]
-            flat = [
-                v
-                for (px, py), seen in zip(points, f.visible, strict=True)
-                for v in (round(px, 2), round(py, 2), 2 if seen else 1)
-            ]
-            name = image_path(folder, f.number).relative_to(root).as_posix()
-            images.append(
-                {"id": identity, "file_name": name, "width": size or WIDTH, "height": size or HEIGHT}
-            )
-            annotations.append(
-                {"id": identity, "image_id": identity, "category_id": f.obj_id, "iscrowd": 0, "bbox": _numbers([x, y, w, h], 2),
-                 "area": round(w * h, 2), "num_keypoints": 4, "keypoints": flat}
-            )  # fmt: skip
-    categories = [
-        {
-            "id": d.index + 1,
-            "name": d.name,
-            "supercategory": "drone",
-            "keypoints": list(KEYPOINT_NAMES),
-            "skeleton": SKELETON,
-        }
-        for d in DRONES.values()
-    ]
-    return {"images": images, "annotations": annotations, "categories": categories}
+    Raises:
+        InputError: the file is not a table of objects, or the keypoints of one are not four points.
+    """
+    path = Path(root) / "models" / "models_info.json"
+    if not path.is_file():
+        return {}
+    models = {}
+    for number, entry in sorted(_read_table(path, "objects").items()):
+        if not isinstance(entry, dict):
+            entry = {}
+        hubs = None
+        if entry.get("keypoints") is not None:
+            hubs = one_value(entry, "keypoints", 12, f"{path} object {number}").reshape(4, 3) / MM
+        name = str(entry.get("name", f"object {number}"))
+        models[number] = DroneClass(name, hubs, str(entry.get("label", name)))
+    names = [drone.name for drone in models.values()]
+    if len(set(names)) < len(names):
+        raise InputError(f"{path}: two objects have the same name")
+    return models

@@ -1,6 +1,7 @@
-"""All seven drones on one page: `python -m dronekeypp.sixdronesyn.contact_sheet [OUT.png]` (default figures/drones.png).
+"""All seven drones on one page: `python -m dronekeypp.sixdronesyn.contact_sheet [OUT.png]`.
 
-Every view of a row has the same scale, given by the bar; the camera is orthographic.
+The default is figures/drones.png. Every view of a row has the same scale, which a bar gives. The camera is
+orthographic.
 """
 
 import sys
@@ -14,7 +15,7 @@ from matplotlib.patches import Rectangle
 from dronekeypp.sixdronesyn.drones import DRONES
 from dronekeypp.sixdronesyn.meshes import drone_mesh
 
-# heading 0 is in front of the drone, looking at its nose; degrees
+# azimuth and elevation of the camera in degrees; azimuth 0 is in front of the drone, looking at its nose
 VIEWS = {
     "front left": (38, 20),
     "rear right": (218, 24),
@@ -36,28 +37,31 @@ def render(
 ) -> np.ndarray:
     """One orthographic view, (height, width, 3) uint8.
 
-    The camera stands at `azimuth`, `elevation` (degrees, body frame); `half_height` metres reach from the middle to the upper edge.
+    Args:
+        name: the drone, a key of `DRONES`.
+        azimuth, elevation: where the camera stands, degrees in the body frame.
+        pixels: (width, height) of the picture.
+        half_height: metres from the middle of the picture to its upper edge.
+        blur: the angle that each propeller turns through during the exposure, radians.
+        samples: the picture is drawn this many times finer in each direction, and averaged.
     """
     mesh = drone_mesh(name)
-    plotter = pv.Plotter(
-        off_screen=True, window_size=[pixels[0] * samples, pixels[1] * samples], lighting="none"
-    )
+    width, height = pixels
+    size = [width * samples, height * samples]
+    plotter = pv.Plotter(off_screen=True, window_size=size, lighting="none")
     plotter.set_background(BACKGROUND)
     a, e = np.radians([azimuth, elevation])
-    away = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    camera_direction = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
     right = np.array([-np.sin(a), np.cos(a), 0.0])
     toward = np.array([np.cos(a), np.sin(a), 0.0])
-    sun, fill, ground = (
-        (0.5 * toward - 0.55 * right + (0, 0, 1), 0.86),
-        (0.8 * toward + 0.9 * right + (0, 0, 0.1), 0.45),
-        (0.3 * toward - (0, 0, 1), 0.25),
-    )
-    for direction, strength in (sun, fill, ground):
-        plotter.add_light(
-            pv.Light(
-                position=tuple(direction), focal_point=(0, 0, 0), intensity=strength, light_type="scene light"
-            )
+    sun = (0.5 * toward - 0.55 * right + (0, 0, 1), 0.86)
+    fill = (0.8 * toward + 0.9 * right + (0, 0, 0.1), 0.45)
+    ground = (0.3 * toward - (0, 0, 1), 0.25)
+    for position, strength in (sun, fill, ground):
+        light = pv.Light(
+            position=tuple(position), focal_point=(0, 0, 0), intensity=strength, light_type="scene light"
         )
+        plotter.add_light(light)
     body = plotter.add_mesh(
         mesh.body, scalars="rgb", rgb=True, ambient=0.16, diffuse=1.0, specular=0.20, specular_power=24
     )
@@ -65,46 +69,47 @@ def render(
     discs = mesh.propellers(np.array([0.5, 1.1, 1.9, 2.6]), blur)
     plotter.add_mesh(discs, scalars="rgba", rgb=True, lighting=False)
     camera = plotter.camera
-    camera.focal_point, camera.position = (0, 0, 0), tuple(away)
+    camera.focal_point, camera.position = (0, 0, 0), tuple(camera_direction)
+    # from above, the side away from the camera points up in the picture
     camera.up = (np.cos(a + np.pi), np.sin(a + np.pi), 0) if elevation > 80 else (0, 0, 1)
     camera.parallel_projection, camera.parallel_scale = True, half_height
     camera.clipping_range = (0.01, 2.0)
     picture = plotter.screenshot(return_img=True).astype(float)[..., :3]
     plotter.close()
-    picture = picture.reshape(pixels[1], samples, pixels[0], samples, 3).mean(axis=(1, 3))
+    picture = picture.reshape(height, samples, width, samples, 3).mean(axis=(1, 3))
     return np.rint(picture).astype(np.uint8)
 
 
 def contact_sheet(path: str | Path, cell: tuple[int, int] = (360, 262)) -> None:
-    """Draw seven rows of five views and save them as PNG."""
+    """Draw seven rows of five views and save them as PNG. `cell` is (width, height) of a view in pixels."""
+    cell_width, cell_height = cell
     head, foot = 34, 30
-    width, height = cell[0] * len(VIEWS), head + cell[1] * len(DRONES) + foot
+    width, height = cell_width * len(VIEWS), head + cell_height * len(DRONES) + foot
     figure = Figure(figsize=(width / 100, height / 100), dpi=100, facecolor=BACKGROUND)
     axes = figure.add_axes((0, 0, 1, 1))
     for column, title in enumerate(VIEWS):
-        axes.text(cell[0] * (column + 0.5), head / 2, title, ha="center", va="center", fontsize=11)
+        axes.text(cell_width * (column + 0.5), head / 2, title, ha="center", va="center", fontsize=11)
     for row, drone in enumerate(DRONES.values()):
-        top = head + cell[1] * row
+        top = head + cell_height * row
+        bottom = top + cell_height
         # the outer half of a blurred propeller may leave the cell: the bodies are then a quarter larger
         outer = np.abs(drone.hubs[:, :2]).max(axis=0) + 0.55 * drone.propeller_radius
-        half_height = max(outer[0], outer[1] * cell[1] / cell[0])
+        half_height = max(outer[0], outer[1] * cell_height / cell_width)
         for column, (azimuth, elevation) in enumerate(VIEWS.values()):
-            left = cell[0] * column
+            left = cell_width * column
             picture = render(drone.name, azimuth, elevation, cell, half_height)
-            axes.imshow(picture, extent=(left, left + cell[0], top + cell[1], top), interpolation="none")
+            axes.imshow(picture, extent=(left, left + cell_width, bottom, top), interpolation="none")
         axes.text(10, top + 18, drone.label, fontsize=12, weight="bold", va="center")
-        axes.text(
-            10,
-            top + cell[1] - 34,
-            f"wheelbase {drone.wheelbase * 1000:.0f} mm, {drone.mass * 1000:.0f} g",
-            fontsize=9,
-            va="center",
-        )
-        bar = 0.1 * cell[1] / (2 * half_height)
-        axes.add_patch(Rectangle((10, top + cell[1] - 20), bar, 4, color="black", linewidth=0))
-        axes.text(16 + bar, top + cell[1] - 18, "100 mm", fontsize=9, va="center")
+        numbers = f"wheelbase {drone.wheelbase * 1000:.0f} mm, {drone.mass * 1000:.0f} g"
+        axes.text(10, bottom - 34, numbers, fontsize=9, va="center")
+        bar = 0.1 * cell_height / (2 * half_height)
+        axes.add_patch(Rectangle((10, bottom - 20), bar, 4, color="black", linewidth=0))
+        axes.text(16 + bar, bottom - 18, "100 mm", fontsize=9, va="center")
         axes.axhline(top, color="0.8", linewidth=0.8)
-    caption = "Orthographic, one scale per row given by its bar. Propellers turn through 126° while the shutter is open."
+    caption = (
+        "Orthographic, one scale per row given by its bar. "
+        "Propellers turn through 126° while the shutter is open."
+    )
     axes.text(10, height - foot / 2, caption, fontsize=9, va="center")
     axes.set(xlim=(0, width), ylim=(height, 0))
     axes.axis("off")

@@ -1,15 +1,18 @@
 """The seven drones in numbers (Sec. IV): sizes, weights, colours and the four propeller hubs.
 
-Metres, body frame: x forward, y left, z up. The origin is the drone's centre: half its height above the ground it stands on, and midway
-between the front and the rear hubs (Mini 2: the origin of its maker's model, 1.6 mm behind that). Hubs come in keypoint order:
-front-left, front-right, rear-right, rear-left.
+Metres, body frame: x forward, y left, z up. The origin is the drone's centre: half its height above the
+ground it stands on, and midway between the front and the rear hubs. Only Mini 2 differs: its origin is that
+of its maker's model, 1.6 mm behind the middle. Hubs come in keypoint order: front-left, front-right,
+rear-right, rear-left.
 
-How the hubs were chosen. The wheelbase (front-left to rear-right) and the propellers come first: two propellers must not meet, so their
-hubs stand at least one diameter apart, and a disc that reaches over the hull lies above it. The sideways positions follow the unfolded
-width, the fore-aft distance then follows from the wheelbase. Only Mini 2's hubs are measured. For the others the heights, and how much
-narrower the rear is than the front, are estimated from how the drone looks.
+How the hubs were chosen. The wheelbase (front-left to rear-right) and the propellers come first: two
+propellers must not meet, so their hubs stand at least one diameter apart, and a disc that reaches over the
+hull lies above it. The sideways positions follow the unfolded width. The fore-aft distance then follows from
+the wheelbase. Only Mini 2's hubs are measured. For the others the heights, and how much narrower the rear is
+than the front, are estimated from how the drone looks.
 """
 
+import hashlib
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -24,9 +27,22 @@ KEYPOINT_NAMES = ("front-left", "front-right", "rear-right", "rear-left")
 class Drone:
     """One drone type.
 
-    `hubs` is (4, 3), metres, body frame: the centres of the propeller discs. `body_mm` is the published length, width and height,
-    unfolded, without propellers. `wheelbase`, `propeller_diameter` and `motor_radius` are metres, `mass` is kilograms, colours are RGB
-    0..255. `estimated` names the fields that are not published figures.
+    Attributes:
+        name: its key in `DRONES`.
+        label: shown to people.
+        index: its place in `DRONES`.
+        body_mm: the published length, width and height in millimetres, unfolded, without propellers.
+        wheelbase: metres from the front-left to the rear-right hub.
+        propeller_diameter, motor_radius: metres.
+        mass: kilograms.
+        hull_rgb, trim_rgb, propeller_rgb, tip_rgb: RGB, 0 to 255.
+        hubs: (4, 3), metres, body frame: the centres of the propeller discs.
+        estimated: the fields that are not published figures.
+        box_between_axes: the published length and width reach from motor axis to motor axis, not to the outer
+            edge (see Air2).
+        mesh: the mesh file of a drone of your own (see own.py); None of the seven.
+        mesh_scale: metres per unit of that mesh.
+        digest: what tells that mesh and its numbers from others; None of the seven.
     """
 
     name: str
@@ -43,12 +59,17 @@ class Drone:
     tip_rgb: tuple[int, int, int]
     hubs: np.ndarray = field(repr=False)
     estimated: tuple[str, ...] = ()
-    # the published length and width reach from motor axis to motor axis, not to the outer edge (see Air2)
     box_between_axes: bool = False
-    # one of your own (see own.py): its mesh, metres per unit of it, and what tells this mesh and these numbers from others
     mesh: Path | None = None
     mesh_scale: float = 1.0
     digest: str | None = None
+
+    @property
+    def seed(self) -> int:
+        """What its random draws follow from: for one of the seven its index, for your own its name alone."""
+        if self.mesh is None:
+            return self.index
+        return int.from_bytes(hashlib.sha256(self.name.encode()).digest()[:4], "big")
 
     @property
     def propeller_radius(self) -> float:
@@ -57,8 +78,10 @@ class Drone:
 
 
 def _hubs(front: tuple[float, float], rear: tuple[float, float], x: tuple[float, float]) -> np.ndarray:
-    """(4, 3) metres from millimetres: `front` and `rear` are (sideways, up), `x` the two forward positions. Read-only, left-right
-    symmetric."""
+    """Four hubs (4, 3) in metres, read-only and left–right symmetric, from millimetres.
+
+    `front` and `rear` are (sideways, up), `x` the forward positions of front and rear.
+    """
     (front_y, front_z), (rear_y, rear_z), (front_x, rear_x) = front, rear, x
     hubs = np.array(
         [
@@ -74,59 +97,145 @@ def _hubs(front: tuple[float, float], rear: tuple[float, float], x: tuple[float,
 
 
 def _spread(wheelbase_mm: float, front: tuple[float, float], rear: tuple[float, float]) -> np.ndarray:
-    """Hubs whose front-left to rear-right distance is the wheelbase; the fore-aft distance is solved for and centred."""
+    """Hubs (4, 3) in metres whose front-left to rear-right distance is the wheelbase, from millimetres.
+
+    `front` and `rear` are (sideways, up). The fore-aft distance is solved for and centred.
+    """
     across, rise = front[0] + rear[0], front[1] - rear[1]
     half = 0.5 * float(np.sqrt(wheelbase_mm**2 - across**2 - rise**2))
     return _hubs(front, rear, (half, -half))
 
 
 _LIST = (
-    # Front arms hang low so that the camera can look up; the rear rotors are the higher pair (heights ~). Propellers ~141-152 mm: 144 just
-    # clear each other.
+    # The front arms hang low so that the camera can look up, and the rear rotors are the higher pair. The
+    # heights are estimated. So are the propellers, at 141 to 152 mm: those of 144 mm just clear each other.
     Drone(
-        "Mini3", "Mini 3 Pro", 0, (171, 245, 62), 0.247, 0.144, 0.249, 0.0125,
-        (196, 199, 202), (70, 72, 76), (86, 88, 92), (86, 88, 92),
-        _spread(247, (108.0, 3.0), (92.0, 25.0)), ("propeller_diameter", "hubs"),
+        name="Mini3",
+        label="Mini 3 Pro",
+        index=0,
+        body_mm=(171, 245, 62),
+        wheelbase=0.247,
+        propeller_diameter=0.144,
+        mass=0.249,
+        motor_radius=0.0125,
+        hull_rgb=(196, 199, 202),
+        trim_rgb=(70, 72, 76),
+        propeller_rgb=(86, 88, 92),
+        tip_rgb=(86, 88, 92),
+        hubs=_spread(247, (108.0, 3.0), (92.0, 25.0)),
+        estimated=("propeller_diameter", "hubs"),
     ),
-    # The maker's own positions: front rotors 21.5 mm above the rear ones. The diagonal is 215.0 mm, published 213.
+    # The maker's own positions: the front rotors are 21.5 mm above the rear ones. The diagonal is 215.0 mm,
+    # 213 mm is published.
     Drone(
-        "Mini2", "Mini 2", 1, (159, 203, 56), 0.213, 0.119, 0.249, 0.0115,
-        (200, 202, 204), (92, 94, 98), (92, 94, 98), (226, 120, 52),
-        _hubs((87.8, 24.7), (85.5, 3.2), (64.3, -61.1)),
+        name="Mini2",
+        label="Mini 2",
+        index=1,
+        body_mm=(159, 203, 56),
+        wheelbase=0.213,
+        propeller_diameter=0.119,
+        mass=0.249,
+        motor_radius=0.0115,
+        hull_rgb=(200, 202, 204),
+        trim_rgb=(92, 94, 98),
+        propeller_rgb=(92, 94, 98),
+        tip_rgb=(226, 120, 52),
+        hubs=_hubs((87.8, 24.7), (85.5, 3.2), (64.3, -61.1)),
     ),
-    # Wheelbase ~354, estimated. Wide front arms on long legs; the front rotors are the higher pair (~).
+    # The wheelbase of 354 mm is estimated. Wide front arms stand on long legs, so the front rotors are the
+    # higher pair, which is estimated too.
     Drone(
-        "Air3", "Air 3", 2, (259, 326, 106), 0.354, 0.221, 0.720, 0.0155,
-        (124, 127, 131), (48, 50, 53), (60, 62, 65), (60, 62, 65),
-        _spread(354, (146.5, 48.0), (126.0, 33.0)), ("wheelbase", "hubs"),
+        name="Air3",
+        label="Air 3",
+        index=2,
+        body_mm=(259, 326, 106),
+        wheelbase=0.354,
+        propeller_diameter=0.221,
+        mass=0.720,
+        motor_radius=0.0155,
+        hull_rgb=(124, 127, 131),
+        trim_rgb=(48, 50, 53),
+        propeller_rgb=(60, 62, 65),
+        tip_rgb=(60, 62, 65),
+        hubs=_spread(354, (146.5, 48.0), (126.0, 33.0)),
+        estimated=("wheelbase", "hubs"),
     ),
-    # 183 x 253 mm leaves no room for a 302 mm wheelbase inside the motors' outer edges; read from axis to axis it fits (188 x 253 mm).
+    # 183 × 253 mm leaves no room for a 302 mm wheelbase inside the motors' outer edges. Read from axis to
+    # axis it fits (188 × 253 mm).
     Drone(
-        "Air2", "Mavic Air 2", 3, (183, 253, 77), 0.302, 0.183, 0.570, 0.0140,
-        (82, 85, 89), (38, 39, 42), (58, 59, 62), (58, 59, 62),
-        _spread(302, (126.5, 36.0), (110.0, 25.0)), ("hubs",), True,
+        name="Air2",
+        label="Mavic Air 2",
+        index=3,
+        body_mm=(183, 253, 77),
+        wheelbase=0.302,
+        propeller_diameter=0.183,
+        mass=0.570,
+        motor_radius=0.0140,
+        hull_rgb=(82, 85, 89),
+        trim_rgb=(38, 39, 42),
+        propeller_rgb=(58, 59, 62),
+        tip_rgb=(58, 59, 62),
+        hubs=_spread(302, (126.5, 36.0), (110.0, 25.0)),
+        estimated=("hubs",),
+        box_between_axes=True,
     ),
-    # 242 mm wide to the outside would make the 221 mm propellers meet: the hubs are set 228 and 224 mm apart (~), wider than the box.
+    # 242 mm wide to the outside would make the 221 mm propellers meet. So the hubs are set 228 and 224 mm
+    # apart, which is estimated and wider than the box.
     Drone(
-        "Mav2", "Mavic 2 Pro", 4, (322, 242, 84), 0.354, 0.221, 0.907, 0.0140,
-        (92, 95, 98), (40, 41, 44), (54, 55, 58), (150, 146, 136),
-        _spread(354, (114.0, 38.0), (112.0, 26.0)), ("hubs",),
+        name="Mav2",
+        label="Mavic 2 Pro",
+        index=4,
+        body_mm=(322, 242, 84),
+        wheelbase=0.354,
+        propeller_diameter=0.221,
+        mass=0.907,
+        motor_radius=0.0140,
+        hull_rgb=(92, 95, 98),
+        trim_rgb=(40, 41, 44),
+        propeller_rgb=(54, 55, 58),
+        tip_rgb=(150, 146, 136),
+        hubs=_spread(354, (114.0, 38.0), (112.0, 26.0)),
+        estimated=("hubs",),
     ),
-    # Front and rear hubs both about half the width less a motor: 239 mm propellers leave no room for a narrower rear (heights ~).
+    # Front and rear hubs are both about half the width less a motor: 239 mm propellers leave no room for a
+    # narrower rear. The heights are estimated.
     Drone(
-        "Mav3", "Mavic 3", 5, (347.5, 283, 107.7), 0.3801, 0.239, 0.895, 0.0165,
-        (134, 136, 138), (54, 56, 59), (56, 57, 60), (232, 122, 44),
-        _spread(380.1, (124.5, 50.0), (121.0, 32.0)), ("hubs",),
+        name="Mav3",
+        label="Mavic 3",
+        index=5,
+        body_mm=(347.5, 283, 107.7),
+        wheelbase=0.3801,
+        propeller_diameter=0.239,
+        mass=0.895,
+        motor_radius=0.0165,
+        hull_rgb=(134, 136, 138),
+        trim_rgb=(54, 56, 59),
+        propeller_rgb=(56, 57, 60),
+        tip_rgb=(232, 122, 44),
+        hubs=_spread(380.1, (124.5, 50.0), (121.0, 32.0)),
+        estimated=("hubs",),
     ),
-    # Wheelbase ~120-127: 120 is what fits a 98 x 92.5 mm frame with 5 mm motors at its corners. All four rotors level.
+    # The wheelbase is 120 to 127 mm by estimate: 120 is what fits a 98 × 92.5 mm frame with 5 mm motors at
+    # its corners. All four rotors are level.
     Drone(
-        "Tello", "Tello", 6, (98, 92.5, 41), 0.120, 0.076, 0.080, 0.0050,
-        (236, 237, 238), (30, 31, 33), (34, 35, 37), (34, 35, 37),
-        _spread(120, (41.2, 17.5), (41.2, 17.5)), ("wheelbase", "hubs"),
+        name="Tello",
+        label="Tello",
+        index=6,
+        body_mm=(98, 92.5, 41),
+        wheelbase=0.120,
+        propeller_diameter=0.076,
+        mass=0.080,
+        motor_radius=0.0050,
+        hull_rgb=(236, 237, 238),
+        trim_rgb=(30, 31, 33),
+        propeller_rgb=(34, 35, 37),
+        tip_rgb=(34, 35, 37),
+        hubs=_spread(120, (41.2, 17.5), (41.2, 17.5)),
+        estimated=("wheelbase", "hubs"),
     ),
-)  # fmt: skip
+)
 
 SEVEN = tuple(drone.name for drone in _LIST)
-DRONES: dict[str, Drone] = {
-    drone.name: drone for drone in (*_LIST, *(Drone(**fields) for fields in own.read(SEVEN)))
-}
+DRONES: dict[str, Drone] = {drone.name: drone for drone in _LIST}
+for _fields in own.read(SEVEN):
+    DRONES[_fields["name"]] = Drone(**_fields)

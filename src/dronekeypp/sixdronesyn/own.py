@@ -1,12 +1,21 @@
-"""Your own drones beside the seven: a folder of NAME.json files, each with a mesh, named by the environment variable DRONEKEYPP_DRONES.
+"""Drones of your own beside the seven: a folder of NAME.json files, named by the variable DRONEKEYPP_DRONES.
 
-    {"name": "Racer", "mesh": "racer.stl", "mesh_unit": "mm", "hubs": [[0.08, 0.1, 0.02], ...], "propeller_diameter": 0.13, "mass": 0.4}
+    {"name": "Racer", "mesh": "racer.stl", "mesh_unit": "mm", "hubs": [[0.08, 0.1, 0.02], ...],
+     "propeller_diameter": 0.13, "mass": 0.4}
 
-name: letters and digits, new. mesh: any file that PyVista reads (STL, PLY, OBJ …), beside the JSON, in body axes (x forward, y left, z up); its
-unit is "m" (the default) or "mm"; without propellers, which are drawn. hubs: the four centres of the propeller discs, (4, 3) metres, same axes,
-in the order front-left, front-right, rear-right, rear-left. propeller_diameter: metres. mass: kg. If you like, also: label (shown to people),
-motor_radius (metres), body_mm (length, width, height), hull_rgb, propeller_rgb, tip_rgb (0 to 255; a mesh with colours of its own, a point array
-"RGB" or "rgb", keeps them). The variable is read once, when the list of drones is first imported.
+name: letters and digits, and not yet taken. mesh: a file beside the JSON that PyVista reads (STL, PLY,
+OBJ …), in body axes (x forward, y left, z up) and without propellers, which are drawn. mesh_unit: "m" (the
+default) or "mm". hubs: the four centres of the propeller discs, (4, 3) metres, in the same axes, in the order
+front-left, front-right, rear-right, rear-left; they are left–right symmetric and lie in one plane.
+propeller_diameter: metres. mass: kg.
+
+If you like, also: label (shown to people), motor_radius (metres), body_mm (length, width, height), hull_rgb,
+trim_rgb, propeller_rgb, tip_rgb (0 to 255; a mesh with colours of its own, a point array "RGB" or "rgb",
+keeps them).
+
+The variable is read once, when the list of drones is first imported. Another file in the folder changes
+neither the frames nor the class of a drone: a data set numbers its own drones in the order in which it met
+them.
 """
 
 from __future__ import annotations
@@ -17,50 +26,65 @@ from typing import Any
 
 import numpy as np
 
+from dronekeypp.classes import DroneClass
 from dronekeypp.errors import InputError
 from dronekeypp.files import digest, read_json
+from dronekeypp.pnp import check_coplanar
 
 VARIABLE = "DRONEKEYPP_DRONES"
-MOST = 3  # a flight's folder number has one digit for the drone, and seven are taken
 NEEDED = ("name", "mesh", "hubs", "propeller_diameter", "mass")
 UNITS = {"m": 1.0, "mm": 1e-3}
 DEFAULTS: dict[str, Any] = {
-    "mesh_unit": "m", "motor_radius": 0.01, "hull_rgb": (90, 92, 96), "trim_rgb": (50, 50, 54), "propeller_rgb": (60, 60, 64),
+    "mesh_unit": "m",
+    "motor_radius": 0.01,
+    "hull_rgb": (90, 92, 96),
+    "trim_rgb": (50, 50, 54),
+    "propeller_rgb": (60, 60, 64),
     "tip_rgb": (60, 60, 64),
-}  # fmt: skip
+}
+OPTIONAL = (*DEFAULTS, "label", "body_mm")
+COLOURS = ("hull_rgb", "trim_rgb", "propeller_rgb", "tip_rgb")
+SYMMETRY = 0.01  # of the wheelbase: how far the hubs may be from left–right symmetric
 
 
 def read(taken: tuple[str, ...]) -> list[dict[str, Any]]:
-    """The fields of `Drone` for every file of the folder that VARIABLE names, in the order of their names; [] without the variable.
+    """The fields of `Drone` for every file of the folder that VARIABLE names, in the order of the file names.
+
+    Without the variable there are none. `taken` are the names of the seven.
 
     Raises:
-        InputError: no such folder, too many drones, a field missing, unknown or impossible, a name that is taken, a mesh that is not there.
+        InputError: no such folder, a field that is missing, unknown or impossible, a name that is taken, a
+            mesh that is not there.
     """
     if not os.environ.get(VARIABLE):
         return []
     folder = Path(os.environ[VARIABLE])
     if not folder.is_dir():
         raise InputError(f"{VARIABLE}={folder}: no such folder")
-    found: list[dict[str, Any]] = []
+    drones: list[dict[str, Any]] = []
+    names = list(taken)
     for path in sorted(folder.glob("*.json")):
-        fields = one(path)
-        if fields["name"] in (*taken, *(other["name"] for other in found)):
+        fields = read_drone(path)
+        if fields["name"] in names:
             raise InputError(f"{path}: there is a drone {fields['name']!r} already; choose another name")
-        found.append({**fields, "index": len(taken) + len(found)})
-    if not found or len(found) > MOST:
-        raise InputError(f"{VARIABLE}={folder}: {len(found)} drones; 1 to {MOST} NAME.json files are read")
-    return found
+        drones.append({**fields, "index": len(names)})
+        names.append(fields["name"])
+    if not drones:
+        raise InputError(f"{VARIABLE}={folder}: no drone; NAME.json files are read")
+    return drones
 
 
-def one(path: Path) -> dict[str, Any]:
-    """The fields of one file."""
+def read_drone(path: Path) -> dict[str, Any]:
+    """The fields of one file. Raises InputError naming the file and what is wrong."""
     given = read_json(path)
     if not isinstance(given, dict):
         raise InputError(f"{path}: not the fields of a drone but a {type(given).__name__}")
-    missing = [key for key in NEEDED if key not in given]
-    unknown = [key for key in given if key not in (*NEEDED, *DEFAULTS, "label", "body_mm")]
-    if missing or unknown:
-        raise InputError(f"{path}: {'lacks ' + missing[0] if missing else 'unknown field ' + unknown[0]}")
+    for key in NEEDED:
+        if key not in given:
+            raise InputError(f"{path}: lacks {key}")
+    for key in given:
+        if key not in (*NEEDED, *OPTIONAL):
+            raise InputError(f"{path}: unknown field {key}")
     given = {**DEFAULTS, "label": given["name"], **given}
     if not (isinstance(given["name"], str) and given["name"].isalnum()):
         raise InputError(f"{path}: name {given['name']!r}: letters and digits only")
@@ -71,37 +95,47 @@ def one(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: mesh {mesh} not found")
     try:
         hubs = np.array(given["hubs"], dtype=float)
-        diameter, mass, motor = (float(given[key]) for key in ("propeller_diameter", "mass", "motor_radius"))
-        colours = {
-            key: tuple(int(v) for v in given[key])
-            for key in ("hull_rgb", "trim_rgb", "propeller_rgb", "tip_rgb")
-        }
+        diameter = float(given["propeller_diameter"])
+        mass = float(given["mass"])
+        motor = float(given["motor_radius"])
+        colours = {key: tuple(int(v) for v in given[key]) for key in COLOURS}
         body = tuple(float(v) for v in given.get("body_mm") or 1000 * np.ptp(hubs, axis=0) + 20)
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{path}: {error}") from None
     check_hubs(path, hubs)
-    if not (
-        0.01 < diameter < 1
-        and 0.01 < mass < 50
-        and 0 < motor < diameter
-        and len(body) == 3
-        and all(1 < v < 5000 for v in body)
-    ):
+    possible = 0.01 < diameter < 1 and 0.01 < mass < 50 and 0 < motor < diameter and len(body) == 3
+    if not (possible and all(1 < v < 5000 for v in body)):
         raise InputError(
-            f"{path}: propeller_diameter and motor_radius in metres, mass in kg, body_mm three lengths in millimetres"
+            f"{path}: propeller_diameter and motor_radius in metres, mass in kg, "
+            "body_mm three lengths in millimetres"
         )
-    if any(len(c) != 3 or not all(0 <= v <= 255 for v in c) for c in colours.values()):
-        raise InputError(f"{path}: a colour is three numbers, 0 to 255")
+    for colour in colours.values():
+        if len(colour) != 3 or min(colour) < 0 or max(colour) > 255:
+            raise InputError(f"{path}: a colour is three numbers, 0 to 255")
     hubs.setflags(write=False)
     return {
-        "name": given["name"], "label": str(given["label"]), "body_mm": body, "wheelbase": float(np.linalg.norm(hubs[0] - hubs[2])),
-        "propeller_diameter": diameter, "mass": mass, "motor_radius": motor, **colours, "hubs": hubs, "mesh": mesh.resolve(),
-        "mesh_scale": UNITS[given["mesh_unit"]], "digest": digest(path.read_bytes() + mesh.read_bytes()),
-    }  # fmt: skip
+        "name": given["name"],
+        "label": str(given["label"]),
+        "body_mm": body,
+        "wheelbase": float(np.linalg.norm(hubs[0] - hubs[2])),
+        "propeller_diameter": diameter,
+        "mass": mass,
+        "motor_radius": motor,
+        **colours,
+        "hubs": hubs,
+        "mesh": mesh.resolve(),
+        "mesh_scale": UNITS[given["mesh_unit"]],
+        "digest": digest(path.read_bytes() + mesh.read_bytes()),
+    }
 
 
 def check_hubs(path: Path, hubs: np.ndarray) -> None:
-    """Raise InputError unless they are four hubs in metres, in the order front-left, front-right, rear-right, rear-left."""
+    """Check hubs in body axes, metres.
+
+    Raises:
+        InputError: they are not four hubs in metres, in the right order, in one plane and left–right
+            symmetric to a hundredth of the wheelbase. The message begins with `path`.
+    """
     if hubs.shape != (4, 3) or not np.isfinite(hubs).all():
         raise InputError(f"{path}: hubs {hubs.shape}, four points of three numbers are needed")
     if np.abs(hubs).max() > 2:
@@ -109,5 +143,19 @@ def check_hubs(path: Path, hubs: np.ndarray) -> None:
     x, y = hubs[:, 0], hubs[:, 1]
     if not (min(x[0], x[1]) > max(x[2], x[3]) and min(y[0], y[3]) > max(y[1], y[2])):
         raise InputError(
-            f"{path}: hubs in the order front-left, front-right, rear-right, rear-left, with x forward and y to the left"
+            f"{path}: hubs in the order front-left, front-right, rear-right, rear-left, "
+            "with x forward and y to the left"
+        )
+    try:
+        check_coplanar(hubs)
+    except InputError:
+        centred = hubs - hubs.mean(axis=0)
+        normal = np.linalg.svd(centred)[2][2]  # of the plane that fits them best
+        off = 1000 * np.abs(centred @ normal).max()
+        raise InputError(f"{path}: hubs are {off:.1f} mm from lying in one plane: PnP needs one") from None
+    drone = DroneClass(path.stem, hubs)
+    if drone.asymmetry > SYMMETRY * drone.wheelbase:
+        raise InputError(
+            f"{path}: hubs are {1000 * drone.asymmetry:.1f} mm from left–right symmetric: "
+            "left and right need the same x and z, and y of opposite signs"
         )

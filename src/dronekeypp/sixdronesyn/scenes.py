@@ -1,20 +1,25 @@
-"""The flight plan of 6DroneSyn (paper Sec. IV, Table 2): 13 scenes, their splits, cameras, backgrounds and flights. No rendering here.
+"""The flight plan of 6DroneSyn (paper Sec. IV, Table 2): scenes, splits, backgrounds, cameras and flights.
 
-Every random draw comes from a generator seeded by (seed, scene, drone, subsequence), so any flight can be remade alone.
+Nothing is rendered here. Every random draw comes from a generator seeded by (seed, scene, drone,
+subsequence), so each flight can be remade without the others.
 
 What the paper leaves open, and what we take:
-- A scene fixes the lens (one camera matrix); each of its 21 subsequences mounts that camera anew (height, tilt, where it looks) and flies its
-  own path: 273 flights instead of the paper's 91 flights before three backgrounds each.
-- The 22 environments are split like the scenes (14 train, 3 validation, 5 test), so a test frame has a background nobody trained on.
+- A scene fixes the lens, which is one camera matrix. Each of its 21 subsequences mounts that camera anew
+  (height, tilt, where it looks) and flies its own path. That makes 273 flights; the paper has 91 flights,
+  each before three backgrounds.
+- The 22 environments are split like the scenes (14 train, 3 validation, 5 test), so a test frame has a
+  background that no training frame had.
 """
 
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from scipy.interpolate import BSpline
 
 from dronekeypp.camera import intrinsics
-from dronekeypp.sixdronesyn.drones import DRONES, SEVEN
+from dronekeypp.sixdronesyn.drones import DRONES, SEVEN, Drone
 
 FPS = 30
 SUBSEQUENCES = 3  # backgrounds a scene and drone
@@ -23,6 +28,15 @@ NEAREST, FARTHEST = 1.5, 8.0  # metres, camera to drone
 GRAVITY = 9.81
 PURPOSES = ("camera", "flight", "exposure", "propellers")  # what is drawn at random; new ones go last
 DRAG = 0.35  # 1/s: a drone leans into its own wind, even at constant speed
+
+SPLITS = ("train", "val", "test")
+# environment numbers, modulo 22; the others are for training
+VALIDATION_ENVIRONMENTS = (5, 12, 17)
+TEST_ENVIRONMENTS = (3, 7, 11, 15, 19)
+QUARTER_TURNS = range(4)
+
+# a curve at the times of F frames, (F, ...), with its first and second derivative by time
+Trajectory = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -35,121 +49,180 @@ class Scene:
     split: str
 
     @property
-    def frames(self):
+    def frames(self) -> int:
+        """Frames of each flight in this scene."""
         return self.seconds * FPS
 
 
-def _table():
-    split = {3: "val", 9: "val", 13: "val", 6: "test", 7: "test"}
-    for n in range(1, 14):
-        motion = "linear" if n <= 3 or 7 <= n <= 9 else "non-linear"
-        yield n, Scene(n, motion, 12 if n >= 10 else 4, split.get(n, "train"))
-
-
-SCENES = dict(_table())
-SPLITS = ("train", "val", "test")
+_TABLE_2 = (
+    Scene(1, "linear", 4, "train"),
+    Scene(2, "linear", 4, "train"),
+    Scene(3, "linear", 4, "val"),
+    Scene(4, "non-linear", 4, "train"),
+    Scene(5, "non-linear", 4, "train"),
+    Scene(6, "non-linear", 4, "test"),
+    Scene(7, "linear", 4, "test"),
+    Scene(8, "linear", 4, "train"),
+    Scene(9, "linear", 4, "val"),
+    Scene(10, "non-linear", 12, "train"),
+    Scene(11, "non-linear", 12, "train"),
+    Scene(12, "non-linear", 12, "train"),
+    Scene(13, "non-linear", 12, "val"),
+)
+SCENES = {scene.number: scene for scene in _TABLE_2}
 
 
 @dataclass(frozen=True)
 class Subsequence:
-    """One flight: a scene, a drone, and which of its three backgrounds. `id` is its BOP scene number and folder."""
+    """One flight: a scene, a drone, and which of its three backgrounds (`take`, 0 to 2).
+
+    `number` is the drone's number in its data set, from 0; None means its place among all drones here. A
+    drone of your own gets it from the data set, so that another drone of your own does not change it.
+    """
 
     scene: int
     drone: str
     take: int
+    number: int | None = None
 
     @property
-    def id(self):
-        return self.scene * 100 + DRONES[self.drone].index * 10 + self.take
+    def drone_number(self) -> int:
+        """The drone's number in its data set, from 0: one digit of the folder's name."""
+        return DRONES[self.drone].index if self.number is None else self.number
 
     @property
-    def split(self):
+    def id(self) -> int:
+        """The BOP scene number, which also names the folder."""
+        return self.scene * 100 + self.drone_number * 10 + self.take
+
+    @property
+    def split(self) -> str:
+        """Its scene's split, one of `SPLITS`."""
         return SCENES[self.scene].split
 
     @property
-    def frames(self):
+    def frames(self) -> int:
+        """How many frames it has."""
         return SCENES[self.scene].frames
 
-    def generator(self, seed, purpose, frame=0):
-        """A random generator of its own for one purpose (a key of `PURPOSES`), of this flight or of one frame of it."""
-        return np.random.default_rng(
-            [seed, self.scene, DRONES[self.drone].index, self.take, frame, PURPOSES.index(purpose)]
-        )
+    def generator(self, seed: int, purpose: str, frame: int = 0) -> np.random.Generator:
+        """A random generator for one purpose (one of `PURPOSES`), of this flight or of one frame of it."""
+        drone = DRONES[self.drone].seed
+        return np.random.default_rng([seed, self.scene, drone, self.take, frame, PURPOSES.index(purpose)])
 
 
-def subsequences(scenes=None, drones=None):
-    """Every flight of the chosen scenes and drones (all by default), in a fixed order."""
-    return [
-        Subsequence(s, d, k)
-        for s in SCENES
-        if scenes is None or s in scenes
-        for d in DRONES
-        if drones is None or d in drones
-        for k in range(SUBSEQUENCES)
-    ]
+def subsequences(
+    scenes: Container[int] | None = None,
+    drones: Container[str] | None = None,
+    numbers: Mapping[str, int] | None = None,
+) -> list[Subsequence]:
+    """Every flight of the chosen scenes and drones (all by default), in a fixed order.
+
+    `numbers` are those of drones of your own in the data set, see `Subsequence`.
+    """
+    numbers = numbers or {}
+    chosen = [scene for scene in SCENES if scenes is None or scene in scenes]
+    names = [name for name in DRONES if drones is None or name in drones]
+    flights = []
+    for scene, name, take in product(chosen, names, range(SUBSEQUENCES)):
+        flights.append(Subsequence(scene, name, take, numbers.get(name)))
+    return flights
 
 
-def frame_numbers(subsequence, stride=1):
-    """The frames of a flight that `--stride` keeps: every `stride`-th, their numbers unchanged."""
+def frame_numbers(subsequence: Subsequence, stride: int = 1) -> range:
+    """The frames of a flight that `--stride` keeps: every `stride`-th, with unchanged numbers."""
     return range(0, subsequence.frames, stride)
 
 
-def count_frames(scenes=None, drones=None, stride=1):
-    """How many frames a selection has, from the table alone. All of it: 52,920."""
-    return sum(len(frame_numbers(s, stride)) for s in subsequences(scenes, drones))
+def count_frames(
+    scenes: Container[int] | None = None, drones: Container[str] | None = None, stride: int = 1
+) -> int:
+    """How many frames a selection has, from the table alone. The whole data set has 52,920."""
+    return sum(len(frame_numbers(flight, stride)) for flight in subsequences(scenes, drones))
 
 
-# --- backgrounds -----------------------------------------------------------------------------------------------------------------------
+# --- backgrounds ---
 
 
-def split_environments(n):
-    """Environment numbers of each split, for `n` environments: 14 : 3 : 5 of 22. Too few for that (under 6): every split shares all."""
-    kind = dict.fromkeys((3, 7, 11, 15, 19), "test") | dict.fromkeys((5, 12, 17), "val")
-    groups = {split: [i for i in range(n) if kind.get(i % 22, "train") == split] for split in SPLITS}
-    return groups if n >= 6 else {split: list(range(n)) for split in SPLITS}
+def split_environments(n: int) -> dict[str, list[int]]:
+    """The environment numbers of each split, for `n` environments: of 22, the splits get 14, 3 and 5.
 
-
-def background(subsequence, environments, seed=0):
-    """(environment number, quarter turns about z) behind a flight. Each split deals its environments × 4 turns out like a pack of cards.
-
-    The seven drones get theirs first, so that a drone of your own changes none of their frames.
+    Fewer than 6 are too few for that, and every split gets all of them.
     """
-    pool = [(e, turn) for e in split_environments(environments)[subsequence.split] for turn in range(4)]
-    family = [drone for drone in DRONES if (drone in SEVEN) == (subsequence.drone in SEVEN)]
-    order = [s for s in subsequences(drones=family) if s.split == subsequence.split].index(subsequence)
-    shuffled = np.random.default_rng(
-        [seed, SPLITS.index(subsequence.split), order // len(pool), 88]
-    ).permutation(len(pool))
-    return pool[shuffled[order % len(pool)]]
+    if n < 6:
+        return {split: list(range(n)) for split in SPLITS}
+    groups = {split: [] for split in SPLITS}
+    for number in range(n):
+        if number % 22 in VALIDATION_ENVIRONMENTS:
+            groups["val"].append(number)
+        elif number % 22 in TEST_ENVIRONMENTS:
+            groups["test"].append(number)
+        else:
+            groups["train"].append(number)
+    return groups
 
 
-# --- cameras ---------------------------------------------------------------------------------------------------------------------------
+def background(subsequence: Subsequence, environments: int, seed: int = 0) -> tuple[int, int]:
+    """The background of a flight: (environment number, quarter turns about z).
+
+    Each split deals out its environments, each in four turns, like a pack of cards, and shuffles the pack
+    anew when it is used up. The seven drones share their packs, and each drone of your own has packs of its
+    own. So it changes nobody else's frames.
+
+    Args:
+        subsequence: the flight.
+        environments: how many environments there are.
+        seed: of the data set.
+    """
+    pack = list(product(split_environments(environments)[subsequence.split], QUARTER_TURNS))
+    split = SPLITS.index(subsequence.split)
+    ours = subsequence.drone in SEVEN
+    numbers = {} if subsequence.number is None else {subsequence.drone: subsequence.number}
+    sharing = subsequences(drones=SEVEN if ours else [subsequence.drone], numbers=numbers)
+    flights = [flight for flight in sharing if flight.split == subsequence.split]
+    order = flights.index(subsequence)
+    round_number = order // len(pack)
+    key = [seed, split, round_number, 88]
+    if not ours:
+        key.append(DRONES[subsequence.drone].seed)
+    shuffled = np.random.default_rng(key).permutation(len(pack))
+    return pack[shuffled[order % len(pack)]]
+
+
+# --- cameras ---
 
 
 @dataclass(frozen=True)
 class Camera:
-    """A fixed camera. `K` (3, 3) pixels; a world point is `R @ X + t` in camera axes; world z up, ground at z = 0."""
+    """A fixed camera.
+
+    `K` (3, 3) is its camera matrix in pixels. A world point X (metres) is `R @ X + t` in camera axes, with
+    `R` (3, 3) and `t` (3,). World z points up and the ground is at z = 0.
+    """
 
     K: np.ndarray
     R: np.ndarray
     t: np.ndarray
 
     @property
-    def position(self):
+    def position(self) -> np.ndarray:
+        """The camera's centre (3,) in the world, metres."""
         return -self.R.T @ self.t
 
 
-def camera(subsequence, seed=0):
-    """The scene's lens on this flight's mount: 2 to 8 m high, tilted between 25° down and 40° up, at most 2° of roll."""
+def camera(subsequence: Subsequence, seed: int = 0) -> Camera:
+    """The lens of the scene on the mount of this flight.
+
+    The mount is 2 to 8 m high, tilted between 25° down and 40° up, with at most 2° of roll.
+    """
     lens = np.random.default_rng([seed, subsequence.scene])
     centre = np.array([WIDTH, HEIGHT]) / 2 + lens.normal(0, 8, 2)
     K = intrinsics(lens.uniform(1150, 1850), WIDTH, HEIGHT, centre)
     rng = subsequence.generator(seed, "camera")
     tilt, roll = np.radians([rng.uniform(-25, 40), rng.uniform(-2, 2)])
     height = rng.uniform(2, 3) if tilt > 0 else rng.uniform(4, 8)
-    forward = np.array(
-        [np.cos(tilt), 0, np.sin(tilt)]
-    )  # towards world +x; the background's turn brings the variety
+    # It looks towards world +x; the turn of the background brings the variety.
+    forward = np.array([np.cos(tilt), 0, np.sin(tilt)])
     left = np.array([0, np.cos(roll), np.sin(roll)])
     left -= (left @ forward) * forward
     left /= np.linalg.norm(left)
@@ -157,47 +230,63 @@ def camera(subsequence, seed=0):
     return Camera(K, R, -R @ np.array([0, 0, height]))
 
 
-# --- flights ---------------------------------------------------------------------------------------------------------------------------
+# --- flights ---
 
 
-def reach(drone):
+def reach(drone: Drone) -> float:
     """Metres from the drone's centre to its farthest propeller tip or corner."""
     tips = np.linalg.norm(drone.hubs, axis=1).max() + drone.propeller_radius
     return max(tips, np.linalg.norm(drone.body_mm) / 2000)
 
 
 class _Airspace:
-    """Where a drone may be: wholly in the frame, 1.5 to 8 m away, above the ground. An intersection of half-spaces and a ball, hence convex:
-    a straight line or a B-spline between points inside stays inside, so no flight ever has to be checked or thrown away."""
+    """Where a drone may be: wholly in the frame, 1.5 to 8 m away and above the ground.
 
-    def __init__(self, cam, radius):
-        (fx, _, cx), (_, fy, cy) = cam.K[0], cam.K[1]
-        r = radius + 0.02
-        # half-spaces n·p ≥ r through the camera centre: left, right, top and bottom of the frame
+    This is an intersection of half-spaces and a ball, hence convex: a straight line or a B-spline between
+    points inside stays inside, so no flight ever has to be checked or thrown away.
+
+    Args:
+        camera: the camera that watches the drone.
+        radius: metres from the drone's centre to its farthest point.
+    """
+
+    def __init__(self, camera: Camera, radius: float) -> None:
+        fx, cx = camera.K[0, 0], camera.K[0, 2]
+        fy, cy = camera.K[1, 1], camera.K[1, 2]
+        # half-spaces n·p ≥ margin through the camera centre: left, right, top and bottom of the frame
         walls = np.array([[fx, 0, cx], [-fx, 0, WIDTH - cx], [0, fy, cy], [0, -fy, HEIGHT - cy]])
         self.normals = walls / np.linalg.norm(walls, axis=1, keepdims=True)
-        self.r, self.cam = r, cam
+        self.margin = radius + 0.02
+        self.camera = camera
 
-    def contains(self, p):
-        floor = (self.cam.R.T @ (p - self.cam.t))[2]
-        inside = (self.normals @ p >= self.r).all() and p[2] >= NEAREST and np.linalg.norm(p) <= FARTHEST
-        return inside and floor >= 0.3 + self.r
+    def contains(self, p: np.ndarray) -> bool:
+        """Whether a drone centred at `p` (3,), camera axes, is inside."""
+        height = (self.camera.R.T @ (p - self.camera.t))[2]
+        in_frame = (self.normals @ p >= self.margin).all()
+        in_range = p[2] >= NEAREST and np.linalg.norm(p) <= FARTHEST
+        return bool(in_frame and in_range and height >= 0.3 + self.margin)
 
-    def sample(self, rng):
-        """A point (3,) in camera axes: uniform in the picture, log-uniform in depth, so that near views are not rare."""
+    def sample(self, rng: np.random.Generator) -> np.ndarray:
+        """A point (3,) in camera axes: uniform in the picture, log-uniform in depth.
+
+        A depth drawn this way makes near views no rarer than far ones.
+        """
         while True:
             depth = np.exp(rng.uniform(np.log(NEAREST), np.log(FARTHEST)))
             pixel = np.array([rng.uniform(0, WIDTH), rng.uniform(0, HEIGHT), 1.0])
-            p = depth * np.linalg.solve(self.cam.K, pixel)
+            p = depth * np.linalg.solve(self.camera.K, pixel)
             if self.contains(p):
                 return p
 
 
-def _linear(rng, air, seconds, times):
-    """A straight line, either at constant speed or from rest to rest (a quintic: no jump in acceleration)."""
-    start = air.sample(rng)
+def _linear(rng: np.random.Generator, airspace: _Airspace, seconds: float, times: np.ndarray) -> Trajectory:
+    """A straight line, either at constant speed or from rest to rest.
+
+    From rest to rest it follows a quintic, so that the acceleration does not jump.
+    """
+    start = airspace.sample(rng)
     while True:
-        end = air.sample(rng)
+        end = airspace.sample(rng)
         if 0.8 <= np.linalg.norm(end - start) <= 1.6 * seconds:
             break
     u = times[:, None] / seconds
@@ -210,29 +299,38 @@ def _linear(rng, air, seconds, times):
     return start + s * d, ds * d / seconds, dds * d / seconds**2
 
 
-def _spline(control, seconds, times):
-    """Uniform cubic B-spline over `seconds`: value, first and second derivative at `times`."""
+def _spline(control: np.ndarray, seconds: float, times: np.ndarray) -> Trajectory:
+    """A uniform cubic B-spline over `seconds`, with its derivatives, at `times`."""
     spacing = seconds / (len(control) - 3)
     knots = spacing * np.arange(-3, len(control) + 1)
     curve = BSpline(knots, control, 3)
     return curve(times), curve(times, 1), curve(times, 2)
 
 
-def _wandering(rng, air, seconds, times):
-    """A B-spline through a walk towards ever new goals, up to 1.6 m every 0.8 s: speeds to 2 m/s, accelerations to half of gravity."""
-    points = [air.sample(rng)]
-    goal = air.sample(rng)
+def _wandering(
+    rng: np.random.Generator, airspace: _Airspace, seconds: float, times: np.ndarray
+) -> Trajectory:
+    """A B-spline through a walk towards ever new goals, up to 1.6 m every 0.8 s.
+
+    Speeds reach 2 m/s and accelerations half of gravity.
+    """
+    points = [airspace.sample(rng)]
+    goal = airspace.sample(rng)
     for _ in range(int(round(seconds / 0.8)) + 2):
-        step, way = rng.uniform(0.5, 1.6), goal - points[-1]
-        distance = np.linalg.norm(way)
-        points.append(points[-1] + way * min(1.0, step / max(distance, 1e-9)))
+        step = rng.uniform(0.5, 1.6)
+        to_goal = goal - points[-1]
+        distance = np.linalg.norm(to_goal)
+        points.append(points[-1] + to_goal * min(1.0, step / max(distance, 1e-9)))
         if distance <= step or rng.random() < 0.25:
-            goal = air.sample(rng)
+            goal = airspace.sample(rng)
     return _spline(np.array(points), seconds, times)
 
 
-def _yaw(rng, seconds, times):
-    """Heading in radians, free of the direction of travel: a B-spline that turns up to 80° every 0.8 s."""
+def _yaw(rng: np.random.Generator, seconds: float, times: np.ndarray) -> np.ndarray:
+    """Headings (F,) in radians, free of the direction of travel.
+
+    They follow a B-spline that turns up to 80° every 0.8 s.
+    """
     turns = rng.uniform(-80, 80, int(round(seconds / 0.8)) + 2)
     start = rng.uniform(0, 360)
     control = np.radians(start + np.concatenate([[0], np.cumsum(turns)]))
@@ -241,7 +339,11 @@ def _yaw(rng, seconds, times):
 
 @dataclass(frozen=True)
 class Flight:
-    """Poses of every frame. `R` (F, 3, 3) camera←body and `t` (F, 3) metres in the camera frame; `world_*` the same in world axes."""
+    """The camera of a flight and the drone's pose in every frame.
+
+    `R` (F, 3, 3) is camera←body and `t` (F, 3) the drone's position in the camera frame, metres. `world_R`
+    and `world_t` are the same in world axes.
+    """
 
     camera: Camera
     R: np.ndarray
@@ -250,10 +352,11 @@ class Flight:
     world_t: np.ndarray
 
 
-def attitude(acceleration, velocity, yaw):
+def attitude(acceleration: np.ndarray, velocity: np.ndarray, yaw: np.ndarray) -> np.ndarray:
     """World←body rotations (F, 3, 3) of a quadrotor that follows a path.
 
-    Its thrust points along body z and must carry the weight, the acceleration and the drag, so the drone tilts into both. Yaw is free.
+    Its thrust points along body z and must carry the weight, the acceleration and the drag, so the drone
+    tilts into both. Yaw is free.
 
     Args:
         acceleration, velocity: (F, 3) in world axes, m/s² and m/s.
@@ -267,14 +370,14 @@ def attitude(acceleration, velocity, yaw):
     return np.stack([np.cross(left, up), left, up], axis=2)
 
 
-def fly(subsequence, seed=0):
+def fly(subsequence: Subsequence, seed: int = 0) -> Flight:
     """The whole flight of a subsequence: its camera and the drone's pose in every frame (30 a second)."""
     scene, drone = SCENES[subsequence.scene], DRONES[subsequence.drone]
     cam = camera(subsequence, seed)
     rng = subsequence.generator(seed, "flight")
     times = np.arange(scene.frames) / FPS
     path = _linear if scene.motion == "linear" else _wandering
-    p, v, a = path(rng, _Airspace(cam, reach(drone)), scene.seconds, times)
+    p, v, a = path(rng, _Airspace(cam, reach(drone)), scene.seconds, times)  # (F, 3) each, in camera axes
     to_world = cam.R.T
     v, a = v @ to_world.T, a @ to_world.T
     # gusts: a degree or two of wobble, three slow sines an axis

@@ -1,24 +1,39 @@
-"""Proves a generated data set sound, or names each fault by file and frame."""
+"""Proves a data set of 6DroneSyn sound, or names each fault by file and frame."""
+
+from __future__ import annotations
 
 from collections import defaultdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
 from dronekeypp.camera import project
+from dronekeypp.classes import DroneClass
 from dronekeypp.errors import InputError
 from dronekeypp.sixdronesyn import bop, scenes
-from dronekeypp.sixdronesyn.dataset import read_image
-from dronekeypp.sixdronesyn.drones import DRONES
-from dronekeypp.sixdronesyn.generate import annotation_digest, totals
+from dronekeypp.sixdronesyn.drones import DRONES, SEVEN
+from dronekeypp.sixdronesyn.flight import annotation_digest
+from dronekeypp.sixdronesyn.folders import read_image, split_of
+from dronekeypp.sixdronesyn.generate import totals
+
+# What a frame of 6DroneSyn has in each of the three scene files. Any other BOP folder may lack some of it.
+FIELDS = (
+    ("cam_K", "cam_R_w2c", "cam_t_w2c"),
+    ("obj_id", "cam_R_m2c", "cam_t_m2c", "keypoints_2d", "keypoints_3d", "keypoints_visible"),
+    ("bbox_obj",),
+)
 
 
-def validate(root, progress=False):
+def validate(root: str | Path, progress: bool = False) -> list[str]:
     """Check a data set: counts, digests, rotations, projections, boxes, splits.
+
+    No drone of one's own need be installed: names and hubs are those of models/models_info.json.
 
     Args:
         root: folder made by `generate`.
+        progress: show a progress bar, where stderr is a terminal.
 
     Returns:
         list of faults, one line each; empty when the data set is sound.
@@ -28,161 +43,241 @@ def validate(root, progress=False):
     """
     root = Path(root)
     manifest = bop.read_json(root / "manifest.json")
-    faults = []
     if not isinstance(manifest, dict) or not {"settings", "planned"} <= manifest.keys():
         raise InputError(
             f"{root / 'manifest.json'}: holds no settings and plan; generate this data set again"
         )
-    found = {split: {p.name: p for p in bop.flight_folders(root, split)} for split in scenes.SPLITS}
-    faults += _check_splits(root, found, manifest)
-    images, environments = defaultdict(list), defaultdict(set)
-    flights = [(split, name, folder) for split, group in found.items() for name, folder in group.items()]
-    for split, name, folder in tqdm(flights, unit="flight", disable=None if progress else True):
-        faults += _check_flight(folder, manifest, manifest["planned"].get(name), split, images, environments)
-    for image, places in images.items():
-        if len({split for split, _ in places}) > 1:
-            faults.append(
-                f"{places[0][1]}: the same image (digest {image}) is in two splits, also {places[1][1]}"
-            )
-    if len(manifest["settings"]["environment_digests"]) >= 6:
-        for a, b in (("train", "val"), ("train", "test"), ("val", "test")):
-            for environment in sorted(environments[a] & environments[b]):
-                faults.append(f"{root}: environment {environment} is in two splits, {a} and {b}")
-    faults += _check_totals(root, flights, manifest)
-    for split, count in manifest.get("frames", {}).items():
-        if count:
-            try:
-                listed = len(bop.read_json(root / f"coco_{split}.json")["images"])
-                if listed != count:
-                    faults.append(
-                        f"{root / f'coco_{split}.json'}: lists {listed} images, the manifest {count}"
-                    )
-            except InputError as error:
-                faults.append(str(error))
-    return faults
+    check = _Validation(root, manifest)
+    check.plan()
+    for split, folder in tqdm(check.flights, unit="flight", disable=None if progress else True):
+        check.flight(split, folder)
+    check.splits()
+    check.totals()
+    check.coco()
+    return check.faults
 
 
-def _check_totals(root, folders, manifest):
-    """The manifest's own list, counts and digests are those of the flights on disk."""
-    if "flights" not in manifest:
-        return []  # not finished; said elsewhere
-    flights = {}
-    for split, name, folder in folders:
-        try:
-            flights[name] = {
-                "split": split,
-                "digests": dict(bop.read_json(folder / "flight.json")["digests"]),
-            }
-        except (InputError, KeyError, TypeError, ValueError):
-            return []  # named with the flight
-    wrong = [key for key, value in totals(manifest["planned"], flights).items() if manifest.get(key) != value]
-    wrong += ["flights"] * (manifest["flights"] != flights)
-    return [
-        f"{root / 'manifest.json'}: its {key} is not what is on disk; run generate again to renew it"
-        for key in wrong
-    ]
+def frame_faults(frame: bop.Frame, hubs: np.ndarray | None = None) -> list[str]:
+    """What is geometrically wrong with one frame of 6DroneSyn, in short sentences.
 
-
-def _check_splits(root, found, manifest):
-    """Every planned flight is there once, in the split Table 2 gives it, and nothing else is."""
-    faults, home = [], {f"{s.id:06d}": s.split for s in scenes.subsequences()}
-    for name in manifest["planned"]:
-        places = [split for split in scenes.SPLITS if name in found[split]]
-        if not places:
-            faults.append(
-                f"{root / home.get(name, '?') / name}: this flight is missing; run generate again, it resumes"
-            )
-        elif len(places) > 1:
-            faults.append(f"{root}: flight {name} is in two splits, {' and '.join(places)}")
-        elif places != [home.get(name)]:
-            faults.append(f"{root / places[0] / name}: belongs into {home.get(name)}")
-    for group in found.values():
-        faults += [
-            f"{folder}: not in the manifest's plan"
-            for name, folder in group.items()
-            if name not in manifest["planned"]
-        ]
-    if (root / "manifest.json").exists() and "flights" not in manifest:
-        faults.append(f"{root / 'manifest.json'}: generate has not finished; run it again, it resumes")
-    return faults
-
-
-def _check_flight(folder, manifest, planned, split, images, environments):
-    files = [folder / name for name in bop.SCENE_FILES]
-    try:
-        entries = bop.read_entries(folder)
-        flight = bop.read_json(folder / "flight.json")
-        digests = dict(flight["digests"])
-    except InputError as error:
-        return [str(error)]
-    except (KeyError, TypeError, ValueError):
-        return [f"{folder / 'flight.json'}: no digests; generate this flight again"]
+    Args:
+        frame: with all of its fields.
+        hubs: (4, 3) of its drone, body axes, metres. None: those of the seven, whose numbers are 1 to 7; a
+            drone that is none of the seven is then not compared with its hubs.
+    """
     faults = []
-    stride = manifest["settings"]["stride"]
-    if planned is not None and list(entries) != list(range(0, planned * stride, stride)):
-        faults.append(f"{files[0]}: its frames are not the {planned} planned ones, every {stride}. from 0")
-    recorded = manifest.get("flights", {}).get(folder.name, {}).get("digests", digests)
-    if recorded != digests:
-        faults.append(
-            f"{folder / 'flight.json'}: its digests are not the manifest's; run generate again to renew the manifest"
-        )
-    environments[split].add(flight.get("environment"))
-    for extra in sorted({p.name for p in (folder / "rgb").glob("*")} - {f"{n:06d}.jpg" for n in entries}):
-        faults.append(f"{folder / 'rgb' / extra}: an image without an annotation")
-    for n, entry in entries.items():
-        if None in entry:
-            faults.append(f"{files[entry.index(None)]} frame {n}: no annotation; generate this flight again")
-            continue
-        pair = digests.get(str(n), ["", ""])
-        if annotation_digest(entry) != pair[1]:
-            faults.append(
-                f"{folder} frame {n}: the annotation is not the one that was generated (its digest differs)"
-            )
-        faults += _check_image(bop.image_path(folder, n), pair[0], manifest["settings"])
-        images[pair[0]].append((split, bop.image_path(folder, n)))
-        try:
-            frame = bop.Frame.from_bop(n, *entry, files)
-        except InputError as error:
-            faults.append(str(error))
-        else:
-            faults += [f"{files[1]} frame {n}: {what}" for what in frame_faults(frame)]
-    return faults
-
-
-def _check_image(path, expected, settings):
-    try:
-        image = read_image(path, expected)
-    except InputError as error:
-        return [str(error)]
-    size = settings["size"]
-    shape = (size, size, 3) if size else (scenes.HEIGHT, scenes.WIDTH, 3)
-    if image.shape != shape:
-        return [f"{path}: {image.shape[1]}×{image.shape[0]} pixels instead of {shape[1]}×{shape[0]}"]
-    return []
-
-
-def frame_faults(frame):
-    """What is geometrically wrong with one `bop.Frame`: a list of short sentences."""
-    faults = []
-    hubs = list(DRONES.values())[frame.obj_id - 1].hubs
-    off = np.abs(frame.keypoints_3d - (hubs @ frame.R.T + frame.t)).max()
-    if off > 1e-5:
-        faults.append(f"keypoints_3d are {off:.2g} m from R · hubs + t")
+    if hubs is None and frame.obj_id <= len(SEVEN):
+        hubs = DRONES[SEVEN[frame.obj_id - 1]].hubs
+    if hubs is not None:
+        off = np.abs(frame.keypoints_3d - (hubs @ frame.R.T + frame.t)).max()
+        if off > 1e-5:
+            faults.append(f"keypoints_3d are {off:.2g} m from R · hubs + t")
     if (frame.keypoints_3d[:, 2] <= 0).any():
         faults.append("a keypoint lies behind the camera")
     else:
         off = np.abs(project(frame.keypoints_3d, frame.K) - frame.keypoints_2d).max()
         if off > 0.01:
             faults.append(f"keypoints_2d are {off:.2g} px from the projection of keypoints_3d")
+    frame_size = np.array([scenes.WIDTH, scenes.HEIGHT])
     low, high = frame.box[:2], frame.box[:2] + frame.box[2:]
-    if (low < 0).any() or (high > [scenes.WIDTH, scenes.HEIGHT]).any():
+    if (low < 0).any() or (high > frame_size).any():
         faults.append("bbox_obj reaches outside the frame")
     if ((frame.keypoints_2d < low - 0.01) | (frame.keypoints_2d > high + 0.01)).any():
         faults.append("a keypoint lies outside bbox_obj")
     if frame.square is not None:
-        corner = frame.square[:2]
-        if (corner < -0.01).any() or (
-            corner + frame.square[2] > np.array([scenes.WIDTH, scenes.HEIGHT]) + 0.01
-        ).any():
+        low, high = frame.square[:2], frame.square[:2] + frame.square[2]
+        if (low < -0.01).any() or (high > frame_size + 0.01).any():
             faults.append("the crop reaches outside the frame")
     return faults
+
+
+class _Validation:
+    """The faults of a data set that were found so far, and what the next checks need.
+
+    Each method adds to `faults`. `splits` comes after all flights.
+    """
+
+    def __init__(self, root: Path, manifest: dict[str, Any]) -> None:
+        self.root, self.manifest = root, manifest
+        self.faults: list[str] = []
+        self.flights: list[tuple[str, Path]] = []  # (split, folder)
+        for split in scenes.SPLITS:
+            for folder in bop.flight_folders(root, split):
+                self.flights.append((split, folder))
+        self.images: dict[str, list[tuple[str, Path]]] = defaultdict(list)  # digest: [(split, file)]
+        self.environments: dict[str, set[str]] = defaultdict(set)  # split: names
+        self.digests: dict[str, dict] = {}  # flight: what its flight.json says
+        self.models = self._read_models()
+
+    def _read_models(self) -> dict[int, DroneClass]:
+        """The drones by number; {} if they cannot be read, which is a fault once generate has finished."""
+        try:
+            models = bop.read_models(self.root)
+        except InputError as error:
+            self.faults.append(str(error))
+            return {}
+        if not models and "flights" in self.manifest:
+            path = self.root / "models" / "models_info.json"
+            self.faults.append(f"{path}: missing; run generate again, it writes what is missing")
+        return models
+
+    def plan(self) -> None:
+        """Every planned flight is there once, in the split that Table 2 gives it, and no other flight is."""
+        places: dict[str, list[str]] = defaultdict(list)
+        for split, folder in self.flights:
+            places[folder.name].append(split)
+        for name in self.manifest["planned"]:
+            home, splits = split_of(name), places[name]
+            if not splits:
+                where = self.root / (home or "?") / name
+                self.faults.append(f"{where}: this flight is missing; run generate again, it resumes")
+            elif len(splits) > 1:
+                self.faults.append(f"{self.root}: flight {name} is in two splits, {' and '.join(splits)}")
+            elif splits != [home]:
+                self.faults.append(f"{self.root / splits[0] / name}: belongs into {home}")
+        for _, folder in self.flights:
+            if folder.name not in self.manifest["planned"]:
+                self.faults.append(f"{folder}: not in the manifest's plan")
+        if "flights" not in self.manifest:
+            path = self.root / "manifest.json"
+            self.faults.append(f"{path}: generate has not finished; run it again, it resumes")
+
+    def flight(self, split: str, folder: Path) -> None:
+        """The frames of a flight are those planned, and each is sound."""
+        try:
+            entries = bop.read_entries(folder)
+            about = bop.read_json(folder / "flight.json")
+            digests = _read_digests(folder / "flight.json", about)
+        except InputError as error:
+            self.faults.append(str(error))
+            return
+        self.digests[folder.name] = digests
+        self.environments[split].add(str(about.get("environment")))
+        planned = self.manifest["planned"].get(folder.name)
+        stride = self.manifest["settings"]["stride"]
+        if planned is not None and list(entries) != list(range(0, planned * stride, stride)):
+            path = folder / bop.SCENE_FILES[0]
+            self.faults.append(
+                f"{path}: its frames are not the {planned} planned ones, every {stride}. from 0"
+            )
+        recorded = self.manifest.get("flights", {}).get(folder.name, {}).get("digests", digests)
+        if recorded != digests:
+            self.faults.append(
+                f"{folder / 'flight.json'}: its digests are not the manifest's; "
+                "run generate again to renew the manifest"
+            )
+        expected = {bop.image_path(folder, number) for number in entries}
+        for path in sorted((folder / "rgb").glob("*")):
+            if path not in expected:
+                self.faults.append(f"{path}: an image without an annotation")
+        for number, (camera, truths, infos) in entries.items():
+            if self._has_annotation(folder, number, camera, truths, infos):
+                image, annotation = digests.get(str(number), ("", ""))
+                self._annotation(folder, number, (camera, truths[0], infos[0]), annotation)
+                self._image(bop.image_path(folder, number), image)
+                self.images[image].append((split, bop.image_path(folder, number)))
+
+    def _has_annotation(
+        self, folder: Path, number: int, camera: dict | None, truths: list[dict], infos: list[dict]
+    ) -> bool:
+        """Whether each scene file says something of a frame, and of one drone."""
+        for name, objects in zip(bop.SCENE_FILES, ([camera], truths, infos), strict=True):
+            if not objects or objects[0] is None:
+                self.faults.append(
+                    f"{folder / name} frame {number}: no annotation; generate this flight again"
+                )
+                return False
+            if len(objects) > 1:
+                self.faults.append(f"{folder / name} frame {number}: {len(objects)} objects instead of one")
+                return False
+        return True
+
+    def _annotation(self, folder: Path, number: int, entry: tuple[dict, dict, dict], digest: str) -> None:
+        """The (camera, truth, info) of a frame has all fields and its digest, and is geometrically sound."""
+        if annotation_digest(entry) != digest:
+            self.faults.append(
+                f"{folder} frame {number}: the annotation is not the one that was generated "
+                "(its digest differs)"
+            )
+        for name, part, keys in zip(bop.SCENE_FILES, entry, FIELDS, strict=True):
+            for key in keys:
+                if part.get(key) is None:
+                    self.faults.append(f"{folder / name} frame {number}: the field {key} is missing")
+                    return
+        try:
+            size = (scenes.WIDTH, scenes.HEIGHT)
+            frame = bop.frames_from(folder, [(number, *entry)], self.models or None, size)[0]
+        except InputError as error:
+            self.faults.append(str(error))
+            return
+        hubs = self.models[frame.obj_id].hubs if self.models else None
+        for fault in frame_faults(frame, hubs):
+            self.faults.append(f"{folder / bop.SCENE_FILES[1]} frame {number}: {fault}")
+
+    def _image(self, path: Path, digest: str) -> None:
+        """An image can be read, is the one that was generated, and has the size of the settings."""
+        try:
+            image = read_image(path, digest)
+        except InputError as error:
+            self.faults.append(str(error))
+            return
+        height, width = image.shape[:2]
+        side = self.manifest["settings"]["size"]
+        expected = (side, side) if side else (scenes.WIDTH, scenes.HEIGHT)
+        if (width, height) != expected:
+            self.faults.append(f"{path}: {width}×{height} pixels instead of {expected[0]}×{expected[1]}")
+
+    def splits(self) -> None:
+        """No image and, where there are enough of them, no environment is in two splits."""
+        for image, places in self.images.items():
+            if len({split for split, _ in places}) > 1:
+                self.faults.append(
+                    f"{places[0][1]}: the same image (digest {image}) is in two splits, also {places[1][1]}"
+                )
+        if len(self.manifest["settings"]["environment_digests"]) < 6:
+            return  # fewer are shared, see `scenes.split_environments`
+        for a, b in (("train", "val"), ("train", "test"), ("val", "test")):
+            for environment in sorted(self.environments[a] & self.environments[b]):
+                self.faults.append(f"{self.root}: environment {environment} is in two splits, {a} and {b}")
+
+    def totals(self) -> None:
+        """The manifest's own list, counts and digests are those of the flights on disk."""
+        if "flights" not in self.manifest or len(self.digests) < len(self.flights):
+            return  # not finished, or a flight is there twice or cannot be read: that is named elsewhere
+        flights = {}
+        for split, folder in self.flights:
+            flights[folder.name] = {"split": split, "digests": self.digests[folder.name]}
+        expected = {**totals(self.manifest["planned"], flights), "flights": flights}
+        for key, value in expected.items():
+            if self.manifest.get(key) != value:
+                self.faults.append(
+                    f"{self.root / 'manifest.json'}: its {key} is not what is on disk; "
+                    "run generate again to renew it"
+                )
+
+    def coco(self) -> None:
+        """Each COCO file lists as many images as the manifest counts."""
+        for split, count in self.manifest.get("frames", {}).items():
+            path = self.root / f"coco_{split}.json"
+            if not count:
+                continue
+            try:
+                listed = len(bop.read_json(path)["images"])
+            except InputError as error:
+                self.faults.append(str(error))
+                continue
+            except (KeyError, TypeError):
+                self.faults.append(f"{path}: lists no images")
+                continue
+            if listed != count:
+                self.faults.append(f"{path}: lists {listed} images, the manifest {count}")
+
+
+def _read_digests(path: Path, about: Any) -> dict[str, list[str]]:
+    """{frame: [digest of its image, of its annotation]} of a flight.json. Raises InputError without them."""
+    digests = about.get("digests") if isinstance(about, dict) else None
+    pairs = digests.values() if isinstance(digests, dict) else [None]
+    for pair in pairs:
+        if not isinstance(pair, list) or len(pair) != 2:
+            raise InputError(f"{path}: no digests; generate this flight again")
+    return digests

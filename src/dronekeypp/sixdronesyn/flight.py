@@ -1,0 +1,269 @@
+"""One flight of 6DroneSyn: its annotations, its pictures, and how it gets to disk.
+
+A flight is rendered into ROOT/.partial and moved into its split when it is whole. Until then every finished
+frame is listed in .partial/ID/frames.jsonl; a restart keeps those frames and goes on.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from dronekeypp.camera import clamp_square, project, square_around
+from dronekeypp.files import digest
+from dronekeypp.sixdronesyn import bop, scenes
+from dronekeypp.sixdronesyn.drones import DRONES
+from dronekeypp.sixdronesyn.meshes import drone_mesh
+from dronekeypp.sixdronesyn.panorama import Panorama, load_panorama
+from dronekeypp.sixdronesyn.render import (
+    DroneRenderer,
+    Light,
+    SelfOcclusion,
+    View,
+    directions,
+    draw_crop,
+    draw_frame,
+    window_around,
+)
+
+# A stored crop is 1.5 times the box's longer side: room to jitter a training crop of 1.15 to 1.3.
+STORED_MARGIN = 1.5
+QUALITY = 85  # JPEG
+
+
+class Flight:
+    """Everything that stays the same in one flight, and the way from a frame number to its annotation and its
+    picture.
+
+    Args:
+        subsequence: the flight in the plan.
+        settings: of the data set, as its manifest holds them: `seed`, `frames` and `size` are read.
+        environments: the image files of all environments.
+    """
+
+    light: Light
+    origin: tuple[int, int]  # full-frame pixel of the background's upper left corner
+    background: np.ndarray  # (H, W, 3) uint8: what `open` sampled
+
+    def __init__(
+        self,
+        subsequence: scenes.Subsequence,
+        settings: dict[str, Any],
+        environments: Sequence[str | Path],
+    ) -> None:
+        self.subsequence, self.settings = subsequence, settings
+        self.drone = DRONES[subsequence.drone]
+        seed = settings["seed"]
+        self.path = scenes.fly(subsequence, seed)
+        self.environment, self.turn = scenes.background(subsequence, len(environments), seed)
+        self.environment_file = Path(environments[self.environment])
+        # radians that a blade turns while the shutter is open
+        self.blur = subsequence.generator(seed, "exposure").uniform(0.3, 1.6)
+        self.outline = _outline(subsequence.drone)
+        self.occlusion = _occlusion(subsequence.drone)
+
+    def annotate(self, number: int) -> bop.Frame:
+        """The annotation of frame `number`."""
+        cam, R, t = self.path.camera, self.path.R[number], self.path.t[number]
+        hubs = self.drone.hubs @ R.T + t
+        keypoints = project(hubs, cam.K)
+        outline = project(self.outline @ R.T + t, cam.K)
+        low, high = outline.min(0), outline.max(0)
+        box = np.concatenate([low, high - low])
+        inside = ((keypoints >= 0) & (keypoints <= [scenes.WIDTH, scenes.HEIGHT])).all(1)
+        square = None
+        if self.settings["frames"] == "crop":
+            square = clamp_square(square_around(box, STORED_MARGIN), scenes.WIDTH, scenes.HEIGHT)
+        return bop.Frame(
+            number=number,
+            K=cam.K,
+            camera_R=cam.R,
+            camera_t=cam.t,
+            obj_id=self.subsequence.drone_number + 1,
+            R=R,
+            t=t,
+            keypoints_2d=keypoints,
+            keypoints_3d=hubs,
+            visible=inside & self.occlusion.visible(self.drone.hubs, R, t),
+            box=box,
+            square=square,
+        )
+
+    def open(self, frames: Sequence[bop.Frame]) -> None:
+        """Sample the part of the panorama that `frames` will show, and read the light.
+
+        The camera stands still, so once is enough for all of them.
+        """
+        panorama = _panorama(self.environment_file)
+        light = panorama.light(self.turn)
+        cam_R = self.path.camera.R
+        self.light = {
+            "sun": cam_R @ light.direction,
+            "up": cam_R @ np.array([0.0, 0.0, 1.0]),
+            "sun_colour": light.sun_colour,
+            "sky_colour": light.sky_colour,
+            "ground_colour": light.ground_colour,
+        }
+        x0, y0, x1, y1 = 0, 0, scenes.WIDTH, scenes.HEIGHT
+        if self.settings["frames"] == "crop":
+            windows = np.array([window_around(f.square, scenes.WIDTH, scenes.HEIGHT) for f in frames])
+            x0, y0 = windows[:, :2].min(0)
+            x1, y1 = (windows[:, :2] + windows[:, 2:]).max(0)
+        self.origin = (x0, y0)
+        self.background = panorama.sample(directions(self.path.camera.K, cam_R, x0, y0, x1, y1), self.turn)
+
+    def picture(self, frame: bop.Frame) -> np.ndarray:
+        """The stored image of an annotated frame, uint8 RGB.
+
+        It is a crop (size, size, 3) or a whole frame (1080, 1920, 3). `open` must have been called with this
+        frame.
+        """
+        rng = self.subsequence.generator(self.settings["seed"], "propellers", frame.number)
+        view: View = {
+            "R": frame.R,
+            "t": frame.t,
+            "K": frame.K,
+            "light": self.light,
+            "phases": rng.uniform(0, np.pi, 4),
+            "blur": self.blur,
+        }
+        if self.settings["frames"] == "crop":
+            size = self.settings["size"]
+            window = window_around(frame.square, scenes.WIDTH, scenes.HEIGHT)
+            x, y, side = window[0] - self.origin[0], window[1] - self.origin[1], window[2]
+            behind = self.background[y : y + side, x : x + side]
+            renderer = _renderer(self.drone.name, 2 * size)
+            return draw_crop(renderer, behind, frame.square, window, size, **view)
+        side = int(np.ceil(max(frame.box[2:]))) + 4
+        centre = frame.box[:2] + frame.box[2:] / 2
+        corner = np.clip(np.round(centre - side / 2), 0, [scenes.WIDTH - side, scenes.HEIGHT - side])
+        resolution = 256 * max(1, 2 ** int(np.ceil(np.log2(2 * side / 256))))
+        renderer = _renderer(self.drone.name, resolution)
+        return draw_frame(renderer, self.background, [*corner, side], **view)
+
+
+# --- what many flights share ------------------------------------------------------------------------------
+
+# One renderer is a window and its buffers: a worker keeps the two it made last and frees the rest.
+_RENDERERS: dict[tuple[str, int], DroneRenderer] = {}
+
+
+def _renderer(name: str, resolution: int) -> DroneRenderer:
+    """The renderer of a drone at a resolution in pixels, made anew if it is not one of the two made last."""
+    key = (name, resolution)
+    if key not in _RENDERERS:
+        while len(_RENDERERS) >= 2:
+            oldest = next(iter(_RENDERERS))
+            _RENDERERS.pop(oldest).close()
+        _RENDERERS[key] = DroneRenderer(name, resolution)
+    return _RENDERERS[key]
+
+
+@lru_cache(maxsize=2)
+def _panorama(path: Path) -> Panorama:
+    return load_panorama(path)
+
+
+@lru_cache
+def _occlusion(name: str) -> SelfOcclusion:
+    return SelfOcclusion(name)
+
+
+@lru_cache
+def _outline(name: str) -> np.ndarray:
+    """The drone's extreme points (P, 3), body axes, propeller discs included.
+
+    Their projections bound the drone's box exactly.
+    """
+    mesh = drone_mesh(name)
+    discs = mesh.propellers(np.zeros(4), 1.0)
+    points = np.concatenate([mesh.body.points, discs.points]).astype(np.float64)
+    return points[ConvexHull(points).vertices]
+
+
+# --- to disk ----------------------------------------------------------------------------------------------
+
+
+def annotation_digest(entry: Any) -> str:
+    """The digest of anything JSON can hold, such as the (camera, truth, info) of `bop.Frame.to_bop`."""
+    return digest(json.dumps(entry, separators=(",", ":")).encode())
+
+
+def render_flight(
+    root: str | Path,
+    subsequence: scenes.Subsequence,
+    settings: dict[str, Any],
+    environments: Sequence[str | Path],
+    stride: int,
+) -> int:
+    """Render one flight, or what is missing of it. Returns the number of frames rendered now.
+
+    The arguments are those of `Flight`, the folder of the data set and its stride.
+    """
+    final = Path(root) / subsequence.split / f"{subsequence.id:06d}"
+    if final.exists():
+        return 0
+    flight = Flight(subsequence, settings, environments)
+    partial = Path(root) / ".partial" / final.name
+    (partial / "rgb").mkdir(parents=True, exist_ok=True)
+    log = partial / "frames.jsonl"
+    done = _read_log(log, partial)
+    annotated = {n: flight.annotate(n) for n in scenes.frame_numbers(subsequence, stride)}
+    missing = [frame for number, frame in annotated.items() if number not in done]
+    if missing:
+        flight.open(missing)
+        with log.open("a") as lines:
+            for frame in missing:
+                picture = cv2.cvtColor(flight.picture(frame), cv2.COLOR_RGB2BGR)
+                data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes()
+                bop.image_path(partial, frame.number).write_bytes(data)
+                done[frame.number] = digest(data)
+                lines.write(json.dumps([frame.number, done[frame.number]]) + "\n")
+                lines.flush()
+    entries, digests = {}, {}
+    for number, frame in annotated.items():
+        entries[number] = frame.to_bop()
+        digests[str(number)] = [done[number], annotation_digest(entries[number])]
+    about = {
+        "scene": subsequence.scene,
+        "motion": scenes.SCENES[subsequence.scene].motion,
+        "drone": subsequence.drone,
+        "take": subsequence.take,
+        "environment": flight.environment_file.stem,
+        "turn_degrees": 90 * flight.turn,
+        "seed": settings["seed"],
+        "fps": scenes.FPS,
+        "digests": digests,
+    }
+    bop.write_flight(partial, entries, about)
+    log.unlink(missing_ok=True)
+    final.parent.mkdir(parents=True, exist_ok=True)
+    partial.rename(final)
+    return len(missing)
+
+
+def _read_log(log: Path, partial: Path) -> dict[int, str]:
+    """{frame: digest of its image} of the frames that a killed run had finished.
+
+    A frame whose line or whose image is torn is not among them, so it is rendered again.
+    """
+    done: dict[int, str] = {}
+    if not log.exists():
+        return done
+    text = log.read_text()
+    whole_lines = text[: text.rfind("\n") + 1]
+    if whole_lines != text:
+        log.write_text(whole_lines)
+    for line in whole_lines.splitlines():
+        number, image = json.loads(line)
+        path = bop.image_path(partial, number)
+        if path.exists() and digest(path.read_bytes()) == image:
+            done[number] = image
+    return done

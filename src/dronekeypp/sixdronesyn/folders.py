@@ -1,0 +1,144 @@
+"""Which files belong to a split of a data set on disk, and their pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from dronekeypp import files
+from dronekeypp.classes import DroneClass
+from dronekeypp.errors import InputError
+from dronekeypp.sixdronesyn import bop, scenes
+
+IMAGES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
+
+
+def find_flights(root: Path, split: str, manifest: dict[str, Any]) -> dict[Path, set[int] | None]:
+    """The flight folders of a split, in order, and which of their frames belong to it (None: all).
+
+    Of 6DroneSyn they are those that its manifest plans. Of any other folder they are those that
+    ROOT/SPLIT.txt lists, or those in ROOT/SPLIT.
+
+    Raises:
+        InputError: no such folder or split, or a flight of 6DroneSyn is missing.
+    """
+    if not root.is_dir():
+        raise InputError(f"{root}: no such folder; make it with `python -m dronekeypp generate`")
+    if manifest:
+        if split not in scenes.SPLITS:
+            raise InputError(f"split {split!r}: choose {', '.join(scenes.SPLITS)}")
+        check_complete(root, split, manifest)
+        return dict.fromkeys(bop.flight_folders(root, split))
+    listed = root / f"{split}.txt"
+    if listed.is_file():
+        return read_list(listed)
+    folder = root / split
+    if not folder.is_dir():
+        raise InputError(f"{root}: no split {split!r}: neither a folder nor {listed.name}")
+    flights = [path for path in folder.iterdir() if (path / bop.SCENE_FILES[0]).is_file()]
+    return dict.fromkeys(sorted(flights, key=lambda path: files.natural_order(path.name)))
+
+
+def read_manifest(root: Path) -> dict[str, Any]:
+    """The manifest of 6DroneSyn; {} of a folder without one. Raises InputError if it is something else."""
+    path = root / "manifest.json"
+    if not path.is_file():
+        return {}
+    manifest = bop.read_json(path)
+    if not isinstance(manifest, dict) or not isinstance(manifest.get("planned", {}), dict):
+        raise InputError(f"{path}: not a data set's manifest; run generate again")
+    return manifest if "planned" in manifest else {}
+
+
+def check_complete(root: Path, split: str, manifest: dict[str, Any]) -> None:
+    """Raise InputError unless every flight that 6DroneSyn's manifest plans for a split is there."""
+    planned = [name for name in manifest["planned"] if split_of(name) == split]
+    finished = bop.flight_folders(root, split)
+    if len(finished) < len(planned):
+        raise InputError(
+            f"{root}: {len(finished)} of {len(planned)} {split} flights are there; "
+            "run generate again, it resumes"
+        )
+
+
+def split_of(name: str) -> str | None:
+    """The split of a flight of 6DroneSyn, from its folder's name; None where it is no such name."""
+    scene = scenes.SCENES.get(int(name) // 100) if name.isdigit() else None
+    return scene.split if scene else None
+
+
+def read_list(path: Path) -> dict[Path, set[int] | None]:
+    """The flights that a list of a split names, and which of their frames (None: all).
+
+    Raises:
+        InputError: a line names neither a flight folder nor a frame of one.
+    """
+    flights: dict[Path, set[int] | None] = {}
+    for number, text in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+        line = text.strip().rstrip("/")
+        if not line or line.startswith("#"):
+            continue
+        folder, frame = path.parent / line, None
+        if not (folder / bop.SCENE_FILES[0]).is_file() and Path(line).stem.isdigit():
+            folder, frame = folder.parent, int(Path(line).stem)
+            folder = folder.parent if folder.name == "rgb" else folder
+        if not (folder / bop.SCENE_FILES[0]).is_file():
+            raise InputError(f"{path} line {number}: {line!r} is neither a flight folder nor FLIGHT/NUMBER")
+        if frame is None:
+            flights[folder] = None
+        elif flights.setdefault(folder, set()) is not None:
+            flights[folder].add(frame)
+    return flights
+
+
+def unnamed_objects(root: Path) -> dict[int, DroneClass]:
+    """The objects of a data set without models_info.json, by number, from all of its annotations."""
+    numbers: set[int] = set()
+    for path in root.rglob(bop.SCENE_FILES[1]):
+        for _, truths, _ in bop.read_entries(path.parent).values():
+            for truth in truths:
+                if type(truth.get("obj_id")) is int:
+                    numbers.add(truth["obj_id"])
+    return {number: DroneClass(f"object {number}") for number in sorted(numbers)}
+
+
+def stored_images(folder: Path) -> dict[int, Path]:
+    """The image files of a flight by frame number, in order."""
+    images = {}
+    for path in sorted((folder / "rgb").glob("*")):
+        if path.suffix.lower() in IMAGES and path.stem.isdigit():
+            images[int(path.stem)] = path
+    return images
+
+
+def read_image(path: str | Path, digest: str | None = None) -> np.ndarray:
+    """An image file as (H, W, 3) uint8 RGB.
+
+    Raises:
+        InputError: missing, truncated or not an image, or another one than `digest` (of flight.json) says.
+            The message names the file.
+    """
+    path = Path(path)
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{path}: image missing; generate this flight again") from None
+    if path.suffix.lower() in (".jpg", ".jpeg"):
+        # OpenCV fills what a truncated JPEG lacks with grey and says nothing. The end marker comes after the
+        # last start of picture data, or the file is cut off.
+        whole = data[:2] == b"\xff\xd8" and data.rfind(b"\xff\xd9") > data.rfind(b"\xff\xda")
+        kind = "a JPEG"
+    else:
+        whole, kind = bool(data), "an image"
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if whole else None
+    if image is None:
+        mend = "; delete its flight folder and run generate again" if digest else ""
+        raise InputError(f"{path}: truncated or not {kind}{mend}")
+    if digest and files.digest(data) != digest:
+        raise InputError(
+            f"{path}: not the image that was generated; delete its flight folder and run generate again"
+        )
+    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)

@@ -1,0 +1,105 @@
+"""The annotations of many frames, read key by key: one check of a whole stack is cheaper than one a frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from dronekeypp.errors import InputError
+
+
+class Instances:
+    """The entries of every drone in every frame of one flight.
+
+    An entry is what one of the flight's files says of one drone in one frame. `part` is the file's number: 0
+    is the camera's, 1 the truth's and 2 that of the boxes, as in `bop.SCENE_FILES`.
+
+    Args:
+        paths: the three files that the entries were read from, for the messages.
+        rows: (frame number, camera, truth, info) of each drone in each frame.
+    """
+
+    def __init__(self, paths: Sequence[Path], rows: Sequence[tuple[int, dict, dict, dict]]) -> None:
+        self.paths = paths
+        self.numbers = [row[0] for row in rows]
+        self.entries = [[row[part] for row in rows] for part in (1, 2, 3)]
+
+    def where(self, part: int, index: int) -> str:
+        """The file and the frame of an entry, for a message."""
+        return f"{self.paths[part]} frame {self.numbers[index]}"
+
+    def stack(self, part: int, key: str, shape: tuple[int, ...]) -> np.ndarray:
+        """The values of a key as float64 (F, *shape).
+
+        Raises:
+            InputError: one is missing, has another size, or holds NaN. The message names file and frame.
+        """
+        size = int(np.prod(shape))
+        entries = self.entries[part]
+        try:
+            values = np.array([entry[key] for entry in entries], dtype=np.float64)
+            values = values.reshape(len(entries), size)
+            sound = bool(np.isfinite(values).all())
+        except (KeyError, TypeError, ValueError):
+            sound = False
+        if not sound:  # one by one, to find the frame
+            rows = [one_value(entry, key, size, self.where(part, i)) for i, entry in enumerate(entries)]
+            values = np.stack(rows)
+        return values.reshape(len(entries), *shape)
+
+    def optional(self, part: int, key: str, shape: tuple[int, ...]) -> np.ndarray | None:
+        """What `stack` returns, or None where no entry has the key.
+
+        Raises:
+            InputError: as `stack`; so also where one entry has the key and another lacks it.
+        """
+        for entry in self.entries[part]:
+            if entry.get(key) is not None:
+                return self.stack(part, key, shape)
+        return None
+
+    def check(self, function: Callable, values: np.ndarray | None, part: int, key: str) -> None:
+        """Check a whole stack; if that fails, find the frame and name it.
+
+        `function(values, name)` raises InputError, beginning with `name`, if one of the values is bad.
+        """
+        if values is None:
+            return
+        try:
+            function(values, key)
+        except InputError:
+            for i, value in enumerate(values):
+                function(value, f"{self.where(part, i)}: {key}")
+            raise
+
+    def refuse(self, bad: np.ndarray, part: int, message: str, values: np.ndarray | None = None) -> None:
+        """Raise InputError for the first frame that the mask `bad` (F,) marks.
+
+        `message` may have places for the numbers that `values` (F, N) hold of that frame: "{:g} px".
+        """
+        if bad.any():
+            index = int(bad.argmax())
+            shown = [] if values is None else values[index]
+            raise InputError(f"{self.where(part, index)}: {message.format(*shown)}")
+
+
+def one_value(entry: dict, key: str, size: int, where: str) -> np.ndarray:
+    """The value of a key as `size` finite numbers, float64 (size,).
+
+    Raises:
+        InputError: it is missing, no list of numbers, has another size, or holds NaN. The message begins with
+            `where`.
+    """
+    if entry.get(key) is None:
+        raise InputError(f"{where}: the field {key} is missing")
+    try:
+        values = np.array(entry[key], dtype=np.float64).ravel()
+    except (TypeError, ValueError):
+        raise InputError(f"{where}: {key} is not a list of numbers") from None
+    if values.size != size:
+        raise InputError(f"{where}: {key} holds {values.size} numbers instead of {size}")
+    if not np.isfinite(values).all():
+        raise InputError(f"{where}: {key} holds NaN or infinity")
+    return values
