@@ -1,3 +1,5 @@
+"""Projection, rays and crops agree with OpenCV and with each other; an impossible camera is refused."""
+
 import cv2
 import numpy as np
 import pytest
@@ -9,33 +11,36 @@ from dronekeypp.errors import InputError
 K = camera.intrinsics(1500.0, 1920, 1080)
 
 
-def points(rng, n=6):
+def random_points(rng, n=6):
+    """Points (n, 3) in metres, 2 to 8 m ahead of the camera."""
     return rng.uniform([-1, -1, 2], [1, 1, 8], (n, 3))
 
 
 def test_projection_agrees_with_opencv():
-    p = points(np.random.default_rng(0))
-    expected = cv2.projectPoints(p, np.zeros(3), np.zeros(3), K, None)[0][:, 0]
-    np.testing.assert_allclose(camera.project(p, K), expected, atol=1e-9)
+    points = random_points(np.random.default_rng(0))
+    expected = cv2.projectPoints(points, np.zeros(3), np.zeros(3), K, None)[0][:, 0]
+    np.testing.assert_allclose(camera.project(points, K), expected, atol=1e-9)
 
 
 def test_rays_invert_projection_and_work_in_torch_batches():
-    p = points(np.random.default_rng(1), 8).reshape(2, 4, 3)
-    expected = p / p[..., 2:]
-    np.testing.assert_allclose(camera.rays(camera.project(p, K), K), expected, atol=1e-12)
-    Kt = torch.tensor(K).expand(2, 3, 3)
-    v = camera.rays(camera.project(torch.tensor(p), Kt), Kt)
-    np.testing.assert_allclose(v.numpy(), expected, atol=1e-12)
+    points = random_points(np.random.default_rng(1), 8).reshape(2, 4, 3)
+    expected = points / points[..., 2:]
+    np.testing.assert_allclose(camera.rays(camera.project(points, K), K), expected, atol=1e-12)
+    batch_K = torch.tensor(K).expand(2, 3, 3)
+    rays = camera.rays(camera.project(torch.tensor(points), batch_K), batch_K)
+    np.testing.assert_allclose(rays.numpy(), expected, atol=1e-12)
 
 
 def test_rays_handle_skew():
     skewed = K + [[0, 3.0, 0], [0, 0, 0], [0, 0, 0]]
-    p = points(np.random.default_rng(2))
-    np.testing.assert_allclose(camera.rays(camera.project(p, skewed), skewed), p / p[:, 2:], atol=1e-12)
+    points = random_points(np.random.default_rng(2))
+    rays = camera.rays(camera.project(points, skewed), skewed)
+    np.testing.assert_allclose(rays, points / points[:, 2:], atol=1e-12)
 
 
 def test_a_crop_never_changes_a_ray():
-    pixels = camera.project(points(np.random.default_rng(3)), K)
+    """Pixels of a crop with the crop's own camera matrix give the rays of the whole picture."""
+    pixels = camera.project(random_points(np.random.default_rng(3)), K)
     for square in (np.array([100.0, 50.0, 300.0]), np.array([812.3, 410.7, 61.9])):
         units = camera.to_crop(pixels, square)
         np.testing.assert_allclose(camera.from_crop(units, square), pixels, atol=1e-9)
@@ -69,7 +74,7 @@ def test_bad_intrinsics(K_bad, message):
 
 
 def test_crop_image_is_subpixel_exact():
-    # A linear ramp must stay the same linear function of the full-frame pixel position, whatever the crop.
+    """A linear ramp stays the same linear function of the full-frame pixel position, whatever the crop."""
     x, y = np.meshgrid(np.arange(200) + 0.5, np.arange(120) + 0.5)
     ramp = np.stack([x, y, x + y], -1).astype(np.float32)
     for square, size in (([20.3, 11.7, 48.0], 48), ([10.25, 8.5, 96.0], 24), ([50.1, 40.2, 12.0], 36)):
@@ -87,9 +92,11 @@ def test_crop_image_rejects_an_empty_square():
 
 
 def test_nothing_in_nothing_out():
+    """An empty stack of camera matrices is valid."""
     assert camera.check_intrinsics(np.zeros((0, 3, 3))).shape == (0, 3, 3)
 
 
 def test_a_square_larger_than_the_frame_shrinks():
     square = camera.clamp_square((-10, 0, 3000), 1920, 1080)
-    assert square.dtype == np.float64 and square.tolist() == [840.0, 0.0, 1080.0]
+    assert square.dtype == np.float64
+    assert square.tolist() == [840.0, 0.0, 1080.0]

@@ -1,8 +1,9 @@
-"""DroneKey (Hwang et al. 2025): the gated transformer keypoint encoder, then PnP with the drone's true size.
+"""Find the pose as DroneKey does (Hwang et al. 2025): keypoints, then PnP with the drone's true size.
 
-Against DroneKey++ it has no class and no decoder, it mean-pools its tokens, and it is told which drone it looks at. The tokens, layers and
-gate are those of `model/encoder.py`: the paper builds DroneKey++ on them. Its own loss, a Mahalanobis distance that adapts to the pose, is
-left out: both are trained on the same L_2D.
+The keypoints come from a gated transformer keypoint encoder. Against DroneKey++ it has no class and no
+decoder, it mean-pools its tokens, and it is told which drone it looks at. The tokens, layers and gate are
+those of `model/encoder.py`: the paper builds DroneKey++ on them. Its own loss, a Mahalanobis distance that
+adapts to the pose, is left out: both are trained on the same L_2D.
 """
 
 from __future__ import annotations
@@ -13,55 +14,64 @@ from torch.nn.functional import mse_loss
 from dronekeypp.baselines.pnp_pose import PnPPose
 from dronekeypp.camera import from_crop
 from dronekeypp.errors import InputError
-from dronekeypp.model import Backbone, KeypointEncoder, ModelConfig, PoseNetwork
+from dronekeypp.model import Backbone, EncoderConfig, KeypointEncoder, PoseNetwork
 
 
 class DroneKey(PoseNetwork):
-    """Keypoints as DroneKey++ finds them, but mean-pooled, trained on L_2D alone; pose by PnP.
+    """This network finds keypoints as DroneKey++ does, and the pose by PnP.
 
-    `config`'s decoder settings are not read. `hypothesis` may be changed at any time: `network.pnp.hypothesis = "upright"`.
+    Against DroneKey++ its tokens are mean-pooled, and it is trained on L_2D alone.
+
+    `network.pnp.hypothesis = "upright"` may be set at any time: see `PnPPose`.
     """
 
     method = "DroneKey"
+    Config = EncoderConfig
+    learns_from = ("R", "t", "keypoints", "keypoints_3d", "label")
     truth_inputs = ("label",)  # the drone, hence its true size
     judged_by = "keypoints"
     defaults = {"pool": "mean"}
 
-    def __init__(self, config: ModelConfig | None = None, load_backbone: bool = True):
+    def __init__(self, config: EncoderConfig | None = None, load_backbone: bool = True) -> None:
         super().__init__()
-        self.config = config or ModelConfig(**self.defaults)
+        self.config = config or EncoderConfig(**self.defaults)
         self.backbone = Backbone(self.config, load=load_backbone)
         self.encoder = KeypointEncoder(self.config, self.backbone.channels)
-        self.encoder.to_class.requires_grad_(
-            False
-        )  # it has no classifier; its [cls] is one more token to look at
+        # DroneKey has no classifier; its [cls] is one more token to look at.
+        self.encoder.to_class.requires_grad_(False)
         self.pnp = PnPPose(self.config.classes)
 
     def prepare(self, annotations: dict[str, Tensor]) -> None:
-        """The true hub geometry, which PnP needs."""
+        """Learn the true hub geometry, which PnP needs."""
         self.pnp.learn(annotations)
 
     def forward(
         self, image: Tensor, K: Tensor, square: Tensor, label: Tensor | None = None
     ) -> dict[str, Tensor]:
-        """image (B, 3, S, S), K (B, 3, 3), square (B, 3), label (B,) -> keypoints (B, 4, 2) crop units; not in training: R, t, failed.
+        """Return keypoints and, outside training, the pose.
+
+        Args:
+            image: (B, 3, S, S) RGB in [0, 1].
+            K: (B, 3, 3) full-frame camera matrix, pixels.
+            square: (B, 3) the crop's x, y, side in full-frame pixels.
+            label: (B,) class indices, needed outside training.
+
+        Returns:
+            keypoints (B, 4, 2) in crop units and gate (B, N); outside training also R, t and failed.
 
         Raises:
-            InputError: no label outside training: without the true size there is no pose.
+            InputError: there is no label outside training: without the true size there is no pose.
         """
-        found = {
-            name: value
-            for name, value in self.encoder(self.backbone(image)).items()
-            if name in ("keypoints", "gate")
-        }
+        encoded = self.encoder(self.backbone(image))
+        answer = {"keypoints": encoded["keypoints"], "gate": encoded["gate"]}
         if self.training:
-            return found
+            return answer
         if label is None:
             raise InputError("DroneKey needs the drone's label (B,): its PnP must know the true size")
-        return {**found, **self.pnp(from_crop(found["keypoints"], square), label, K)}
+        return {**answer, **self.pnp(from_crop(answer["keypoints"], square), label, K)}
 
     def losses(self, output: dict, batch: dict, keypoint_unit: float) -> dict[str, Tensor]:
-        """L_2D, the first term of Eq. 9."""
+        """Return L_2D, the first term of Eq. 9."""
         return {"L_2D": mse_loss(output["keypoints"], batch["keypoints"]) * keypoint_unit**2}
 
     @property

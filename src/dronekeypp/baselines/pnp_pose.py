@@ -1,4 +1,4 @@
-"""From four keypoints and the drone's true size to a pose: the second half of every keypoint detector + PnP."""
+"""From four keypoints and the true size to a pose: the second half of every keypoint detector + PnP."""
 
 from __future__ import annotations
 
@@ -8,22 +8,32 @@ from torch import Tensor, nn
 
 from dronekeypp import rotations
 from dronekeypp.errors import InputError
-from dronekeypp.pnp import solve_pnp
+from dronekeypp.pnp import Solution, solve_pnp
 
 HYPOTHESES = ("fit", "upright")
 
 
 class PnPPose(nn.Module):
-    """PnP with the hubs of the drone it is told. Four hubs of a drone are coplanar, so two poses fit; `hypothesis` chooses between them:
+    """PnP with the hubs of the drone whose class it is given.
 
-    "fit": the lower reprojection error, which is what everybody's PnP returns · "upright": the one whose back is up (body z against
-    camera up), which costs nothing: drones do not fly on their heads.
+    The four hubs of a drone lie in one plane, so two poses fit. `hypothesis` chooses between them:
 
-    Where no pose is found the answer is a constant (the training set's median translation and best constant rotation) and `failed`
-    says so: a failure is counted, and its error too.
+    "fit" takes the pose with the lower reprojection error. Every PnP library does the same.
+    "upright" takes the pose whose back is up (body z against camera up). It costs nothing, because drones do
+    not fly on their heads.
+
+    Where PnP finds no pose, the answer is a constant: the training set's median translation and its best
+    constant rotation. Then `failed` is true, so the failure is counted, and its error too.
+
+    Args:
+        classes: the number of drones.
+        hypothesis: one of HYPOTHESES. It may be changed at any time.
+
+    Raises:
+        InputError: an unknown hypothesis.
     """
 
-    def __init__(self, classes: int, hypothesis: str = "fit"):
+    def __init__(self, classes: int, hypothesis: str = "fit") -> None:
         super().__init__()
         if hypothesis not in HYPOTHESES:
             raise InputError(f"hypothesis={hypothesis!r} is not one of: {', '.join(HYPOTHESES)}")
@@ -33,10 +43,13 @@ class PnPPose(nn.Module):
         self.register_buffer("fallback_t", torch.zeros(3))
 
     def learn(self, annotations: dict[str, Tensor]) -> None:
-        """Take the true hubs of each class, and the constant answer, from training annotations (label, R, t, keypoints_3d).
+        """Take the true hubs of each class, and the constant answer, from the truth of the training frames.
+
+        Args:
+            annotations: label (F,), R (F, 3, 3), t (F, 3) metres and keypoints_3d (F, 4, 3) metres, stacked.
 
         Raises:
-            InputError: a class without a frame.
+            InputError: a class has no frame.
         """
         R, label = annotations["R"], annotations["label"]
         body = annotations["keypoints_3d"] @ R  # camera axes -> body axes, (F, 4, 3)
@@ -51,25 +64,41 @@ class PnPPose(nn.Module):
 
     @torch.no_grad()
     def forward(self, pixels: Tensor, label: Tensor, K: Tensor) -> dict[str, Tensor]:
-        """pixels (B, 4, 2) of the full frame, label (B,), K (B, 3, 3) -> R (B, 3, 3), t (B, 3) metres, failed (B,) bool. No gradients.
+        """Solve one pose for each frame, without gradients.
+
+        Args:
+            pixels: (B, 4, 2) keypoints in pixels of the full frame. A frame with NaN counts as failed.
+            label: (B,) class indices.
+            K: (B, 3, 3) camera matrices of the full frame.
+
+        Returns:
+            R (B, 3, 3) camera←body, t (B, 3) metres, failed (B,) bool.
 
         Raises:
-            InputError: it has not learned the hubs yet.
+            InputError: `learn` was not called yet.
         """
         if not self.hubs.any():
             raise InputError(
                 "PnP does not know the drones' sizes yet: call learn() with training annotations first"
             )
-        R, t = self.fallback_R.repeat(len(pixels), 1, 1), self.fallback_t.repeat(len(pixels), 1)
-        failed = torch.ones(len(pixels), dtype=torch.bool, device=pixels.device)
-        for i, (hubs, points, camera) in enumerate(
-            zip(*(x.cpu().numpy() for x in (self.hubs[label], pixels, K)), strict=True)
-        ):
-            found = solve_pnp(hubs, points, camera) if np.isfinite(points).all() else []
-            if found:
-                best = (
-                    found[0] if self.hypothesis == "fit" else min(found, key=lambda s: s.R[1, 2])
-                )  # camera y points down
+        count = len(pixels)
+        R, t = self.fallback_R.repeat(count, 1, 1), self.fallback_t.repeat(count, 1)
+        failed = torch.ones(count, dtype=torch.bool, device=pixels.device)
+        hubs = self.hubs[label].cpu().numpy()  # (B, 4, 3)
+        points = pixels.cpu().numpy()
+        cameras = K.cpu().numpy()
+        for i in range(count):
+            if not np.isfinite(points[i]).all():
+                continue
+            solutions = solve_pnp(hubs[i], points[i], cameras[i])
+            if solutions:
+                best = self.choose(solutions)
                 R[i], t[i] = torch.from_numpy(best.R), torch.from_numpy(best.t)
                 failed[i] = False
         return {"R": R, "t": t, "failed": failed}
+
+    def choose(self, solutions: list[Solution]) -> Solution:
+        """The solution that `hypothesis` asks for. `solutions` are sorted by their reprojection error."""
+        if self.hypothesis == "fit":
+            return solutions[0]
+        return min(solutions, key=lambda solution: solution.R[1, 2])  # camera y points down

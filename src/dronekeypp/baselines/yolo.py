@@ -1,7 +1,8 @@
-"""YOLOv8n-pose + PnP (Sec. V-B): the library's own keypoint detector, trained from scratch on our crops. An optional extra.
+"""YOLOv8n-pose + PnP (Sec. V-B): ultralytics' own keypoint detector, trained from scratch on our crops.
 
-The library is ultralytics, AGPL-3.0, and no part of this project's MIT code: nothing else needs it, it is used through its own interface,
-and only in a process of its own, because it changes threads, print options and settings of the process it runs in. Install it with
+The library is ultralytics, under AGPL-3.0, and no part of this project's MIT code. It is an optional extra:
+nothing else needs it, and it is used through its own interface. It runs only in a process of its own, because
+it changes threads, print options and settings of the process it runs in. Install it with
 `pip install -e ".[yolo]"`.
 
 It has its own training loop, augmentation and checkpoints (.pt, pickled: read only those you made yourself).
@@ -10,13 +11,13 @@ It has its own training loop, augmentation and checkpoints (.pt, pickled: read o
 from __future__ import annotations
 
 import csv
+import functools
 import importlib.util
-import json
 import multiprocessing
 import os
 import shutil
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -26,12 +27,18 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from dronekeypp.classes import names_of
+from dronekeypp.data import FrameDataset
 from dronekeypp.errors import InputError
-from dronekeypp.files import write_beside
+from dronekeypp.files import read_json, write_beside, write_json
 
 METHOD = "YOLOv8n-pose + PnP"
 CONFIDENCE = 0.001  # every crop holds one drone, so the likeliest box counts, however unlikely
 LOG, SETTINGS = "epochs.csv", "settings.json"
+KEPT = "kept"  # folder of the checkpoints' copies, and of the number of epochs behind them
+
+# What YOLO says of one picture: the keypoints (4, 2) in pixels and the class, or None where it found nothing.
+Detection = tuple[list[list[float]], int] | None
 
 
 def installed() -> bool:
@@ -39,18 +46,25 @@ def installed() -> bool:
     return importlib.util.find_spec("ultralytics") is not None
 
 
-def _in_own_process(function: Callable, *arguments) -> Any:
-    """The value of `function(*arguments)`, called in a fresh process."""
+def check_installed() -> None:
+    """Raise InputError, saying what to install, where the optional extra is missing."""
     if not installed():
         raise InputError(
             'YOLOv8n-pose is an optional extra (ultralytics, AGPL-3.0): pip install -e ".[yolo]"'
         )
-    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-        return pool.submit(function, *arguments).result()
 
 
-def library(folder: Path):
-    """The library's YOLO class, its settings kept in `folder`, without a network call. It changes the process: call it in one of its own."""
+def _own_process() -> ProcessPoolExecutor:
+    """A fresh process for the library."""
+    check_installed()
+    return ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
+
+
+def library(folder: Path) -> Callable[[str], Any]:
+    """The library's class YOLO, with its settings kept in `folder`. It makes no network call.
+
+    It changes the process: call it in one of its own.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     os.environ |= {"YOLO_OFFLINE": "true", "YOLO_VERBOSE": "false", "YOLO_CONFIG_DIR": str(folder)}
     from ultralytics import YOLO, settings
@@ -59,31 +73,48 @@ def library(folder: Path):
     return YOLO
 
 
-def export(datasets: dict[str, Any], out: str | Path, names: Sequence[str]) -> Path:
-    """Data sets ({"train": SixDroneSyn, "val": …}) as the crops every method sees, in YOLO's layout; returns its data.yaml.
+# --- the data ---------------------------------------------------------------------------------------------
 
-    images/SPLIT/*.jpg and labels/SPLIT/*.txt. A line of a label: class, box (centre, width, height), four keypoints (x, y, visibility:
-    2 seen, 1 hidden), all in units of the picture. What is there already is kept.
+
+def export(datasets: dict[str, FrameDataset], out: str | Path) -> Path:
+    """Write data sets as the crops that every method sees, in YOLO's layout.
+
+    The pictures are images/SPLIT/*.jpg, the labels labels/SPLIT/*.txt. A line of a label holds the class, the
+    box (centre, width, height) and four keypoints (x, y, visibility: 2 seen, 1 hidden), all in units of the
+    picture. What is there already is kept.
+
+    Args:
+        datasets: {"train": …, "val": …}. The names of the classes are those of the first one.
+        out: the folder to write to.
+
+    Returns:
+        The path of its data.yaml.
     """
     out = Path(out)
-    for split, data in datasets.items():
+    for split, dataset in datasets.items():
         for kind in ("images", "labels"):
             (out / kind / split).mkdir(parents=True, exist_ok=True)
-        for i, frame in enumerate(data.frames):
-            name = f"{data.folders[i].name}_{frame.number:06d}"
+        for i, frame in enumerate(dataset.frames):
+            name = f"{dataset.folders[i].name}_{frame.number:06d}"
             label = out / "labels" / split / f"{name}.txt"
             if label.exists():  # written last: its picture is there
                 continue
-            item, square = data[i], data.square(i)
+            item = dataset[i]
             picture = np.ascontiguousarray(pixels(item["image"][None])[0])
-            write_beside(
-                out / "images" / split / f"{name}.jpg",
-                cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes(),
-            )
-            write_beside(label, (label_line(item, frame.box, square) + "\n").encode())
-    listed = "".join(f"  {i}: {name}\n" for i, name in enumerate(names))
-    text = f"path: {out.resolve()}\ntrain: images/train\nval: images/val\nkpt_shape: [4, 3]\nflip_idx: [1, 0, 3, 2]\nnames:\n{listed}"
-    write_beside(out / "data.yaml", text.encode())
+            jpeg = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
+            write_beside(out / "images" / split / f"{name}.jpg", jpeg)
+            write_beside(label, (label_line(item, frame.box, dataset.square(i)) + "\n").encode())
+    lines = [
+        f"path: {out.resolve()}",
+        "train: images/train",
+        "val: images/val",
+        "kpt_shape: [4, 3]",
+        "flip_idx: [1, 0, 3, 2]",
+        "names:",
+    ]
+    for i, name in enumerate(names_of(next(iter(datasets.values())).drones)):
+        lines.append(f"  {i}: {name}")
+    write_beside(out / "data.yaml", ("\n".join(lines) + "\n").encode())
     return out / "data.yaml"
 
 
@@ -95,25 +126,32 @@ def pixels(images: Tensor) -> np.ndarray:
 def label_line(item: dict[str, Tensor], box: Sequence[float], square: Sequence[float]) -> str:
     """One annotated crop, its box and square in full-frame pixels, as a line of YOLO's label file."""
     (x, y, w, h), (left, top, side) = box, square
-    numbers = [(x + w / 2 - left) / side, (y + h / 2 - top) / side, w / side, h / side]
-    points = [
-        text for (u, v), seen in zip(item["keypoints"].tolist(), item["visible"].tolist(), strict=True)
-        for text in (f"{u:.6f}", f"{v:.6f}", "2" if seen else "1")
-    ]  # fmt: skip
-    return " ".join([str(int(item["label"])), *(f"{value:.6f}" for value in numbers), *points])
+    words = [str(int(item["label"]))]
+    for value in ((x + w / 2 - left) / side, (y + h / 2 - top) / side, w / side, h / side):
+        words.append(f"{value:.6f}")
+    for (u, v), seen in zip(item["keypoints"].tolist(), item["visible"].tolist(), strict=True):
+        words += [f"{u:.6f}", f"{v:.6f}", "2" if seen else "1"]
+    return " ".join(words)
+
+
+# --- training ---------------------------------------------------------------------------------------------
 
 
 def train(
-    datasets: dict[str, Any],
+    datasets: dict[str, FrameDataset],
     out: str | Path,
-    names: Sequence[str],
     settings: dict[str, Any],
     device: str = "cpu",
 ) -> Path:
-    """Train yolov8n-pose from scratch on crops ({"train": SixDroneSyn, "val": …}) into the folder `out`; returns the best checkpoint.
+    """Train yolov8n-pose from scratch on crops. Returns the path of the best checkpoint.
 
-    `settings`: size, epochs, batch, seed, and the digest of the data. A finished training is left alone; one that was killed goes on
-    from its last whole epoch.
+    A finished training is left alone. One that was killed goes on from its last whole epoch.
+
+    Args:
+        datasets: {"train": …, "val": …}.
+        out: the folder of the training.
+        settings: size, epochs, batch, seed, and the digest of the data.
+        device: "cpu", "cuda" or "cuda:0".
 
     Raises:
         InputError: the extra is not installed, or `out` was started with other settings.
@@ -121,50 +159,56 @@ def train(
     out = Path(out).resolve()
     out.mkdir(parents=True, exist_ok=True)
     if (out / SETTINGS).is_file():
-        old = json.loads((out / SETTINGS).read_text())
+        old = read_json(out / SETTINGS)
         for key, value in settings.items():
             if old.get(key) != value:
                 raise InputError(
-                    f"cannot resume {out}: {key} was {old.get(key)!r} and is now {value!r}; use the old one or another folder"
+                    f"cannot resume {out}: {key} was {old.get(key)!r} and is now {value!r}; "
+                    "use the old one or another folder"
                 )
-    elif not installed():
-        _in_own_process(print)  # says what to install
-    write_beside(out / SETTINGS, (json.dumps(settings) + "\n").encode())
+    else:
+        check_installed()  # before anything is written
+        write_json(out / SETTINGS, settings)
     if epochs_done(out) < settings["epochs"]:
-        _in_own_process(_train, export(datasets, out / "data", names), out, settings, device)
-    return out / "kept" / "best.pt"
+        with _own_process() as process:
+            process.submit(_train, export(datasets, out / "data"), out, settings, device).result()
+    return out / KEPT / "best.pt"
 
 
 def epochs_done(out: Path) -> int:
     """Whole epochs behind the checkpoints that were kept."""
-    done = out / "kept" / "epoch"
-    return int(done.read_text()) if done.is_file() else 0
+    number = out / KEPT / "epoch"
+    return int(number.read_text()) if number.is_file() else 0
 
 
 def _train(data: Path, out: Path, settings: dict[str, Any], device: str) -> None:
     """In a process of its own: train, or go on, and keep both checkpoints after every epoch."""
-    YOLO, kept = library(out / "library"), out / "kept"
-    kept.mkdir(exist_ok=True)
-    tic = time.monotonic()
+    YOLO = library(out / "library")
+    folder = out / KEPT
+    folder.mkdir(exist_ok=True)
+    epoch_began = time.monotonic()
 
-    def keep(trainer) -> None:
-        # The library writes its checkpoints in place, and strips them at the end so that they cannot be resumed: keep copies.
-        nonlocal tic
+    def keep(trainer: Any) -> None:
+        # The library writes its checkpoints in place, and strips them at the end so that they cannot be
+        # resumed. So copies are kept.
+        nonlocal epoch_began
         with open(out / LOG, "a") as file:
-            file.write(f"{trainer.epoch + 1},{time.monotonic() - tic:.2f}\n")
-        tic = time.monotonic()
+            file.write(f"{trainer.epoch + 1},{time.monotonic() - epoch_began:.2f}\n")
+        epoch_began = time.monotonic()
         for path in (trainer.best, trainer.last):
-            shutil.copyfile(path, kept / f".{path.name}")
-            os.replace(kept / f".{path.name}", kept / path.name)
-        write_beside(kept / "epoch", str(trainer.epoch + 1).encode())
+            shutil.copyfile(path, folder / f".{path.name}")
+            os.replace(folder / f".{path.name}", folder / path.name)
+        write_beside(folder / "epoch", str(trainer.epoch + 1).encode())
 
-    last = kept / "last.pt"
-    # A kill between the two writes leaves last.pt one epoch ahead of its number.
-    behind = last.is_file() and torch.load(last, map_location="cpu", weights_only=False)["epoch"] + 1
-    if behind and behind >= settings["epochs"]:
-        write_beside(kept / "epoch", str(behind).encode())
+    last = folder / "last.pt"
+    epochs = 0
+    if last.is_file():
+        epochs = torch.load(last, map_location="cpu", weights_only=False)["epoch"] + 1
+    if epochs >= settings["epochs"]:
+        # A kill between the two writes left last.pt one epoch ahead of its number.
+        write_beside(folder / "epoch", str(epochs).encode())
         return
-    model = YOLO(str(last) if behind else "yolov8n-pose.yaml")
+    model = YOLO(str(last) if epochs else "yolov8n-pose.yaml")
     model.add_callback("on_model_save", keep)
     common = {
         "data": str(data),
@@ -174,46 +218,96 @@ def _train(data: Path, out: Path, settings: dict[str, Any], device: str) -> None
         "device": device,
         "plots": False,
     }
-    if behind:
+    if epochs:
         model.train(resume=True, save_dir=str(out / "run"), **common)
-    else:
-        model.train(
-            epochs=settings["epochs"], seed=settings["seed"], pretrained=False, cos_lr=True, amp=False,
-            project=str(out), name="run", exist_ok=True, **common,
-        )  # fmt: skip
+        return
+    model.train(
+        epochs=settings["epochs"],
+        seed=settings["seed"],
+        pretrained=False,
+        cos_lr=True,
+        amp=False,
+        project=str(out),
+        name="run",
+        exist_ok=True,
+        **common,
+    )
 
 
-def detect(weights: str | Path, images: Tensor, classes: int, device: str = "cpu") -> dict[str, Tensor]:
-    """images (B, 3, S, S) in [0, 1] -> keypoints (B, 4, 2) crop units, class_probs (B, classes) one-hot, found (B,) bool.
-
-    Where nothing is found the keypoints are the middle of the crop and the class is none: zeros.
-    """
-    answers = _in_own_process(_detect, Path(weights).resolve(), pixels(images), device)
-    keypoints, probs = torch.full((len(images), 4, 2), 0.5), torch.zeros(len(images), classes)
-    found = torch.tensor([answer is not None for answer in answers])
-    for i, answer in enumerate(answers):
-        if answer is not None:
-            keypoints[i], probs[i, answer[1]] = torch.tensor(answer[0]) / images.shape[-1], 1
-    return {"keypoints": keypoints, "class_probs": probs, "found": found}
-
-
-def _detect(weights: Path, pictures: np.ndarray, device: str) -> list[tuple[list, int] | None]:
-    """In a process of its own: (keypoints in pixels, class) of each picture (B, S, S, 3) uint8 BGR, or None."""
-    model = library(weights.parents[1] / "library")(str(weights))
-    found = []
-    for start in range(0, len(pictures), 64):
-        part = list(pictures[start : start + 64])
-        for answer in model.predict(
-            part, imgsz=pictures.shape[1], conf=CONFIDENCE, max_det=1, verbose=False, device=device
-        ):
-            found.append(
-                (answer.keypoints.xy[0].tolist(), int(answer.boxes.cls[0])) if len(answer.boxes) else None
-            )
-    return found
-
-
-def story(out: str | Path) -> dict[str, Any]:
+def training_record(out: str | Path) -> dict[str, Any]:
     """Epochs and minutes of a training, over all the legs it was cut into."""
     with open(Path(out) / LOG, newline="") as file:
         seconds = {int(epoch): float(value) for epoch, value in csv.reader(file)}
     return {"epochs": len(seconds), "minutes": round(sum(seconds.values()) / 60, 1)}
+
+
+# --- detection --------------------------------------------------------------------------------------------
+
+
+def detect(
+    weights: str | Path, batches: Iterable[Tensor], classes: int, device: str = "cpu"
+) -> dict[str, Tensor]:
+    """Run a trained detector over the pictures of a data set, batch by batch.
+
+    Args:
+        weights: the path of a checkpoint of `train`.
+        batches: tensors (B, 3, S, S) in [0, 1]. Only one of them is in memory at a time.
+        classes: the number of drones.
+        device: "cpu", "cuda" or "cuda:0".
+
+    Returns:
+        keypoints (F, 4, 2) crop units, class_probs (F, classes) one-hot, detected (F,) bool, over all frames.
+        Where nothing is detected the keypoints are the middle of the crop and the class is none: zeros.
+
+    Raises:
+        InputError: the extra is not installed.
+    """
+    weights = Path(weights).resolve()
+    parts = []
+    with _own_process() as process:
+        for images in batches:
+            detections = process.submit(_detect, weights, pixels(images), device).result()
+            parts.append(_as_output(detections, images.shape[-1], classes))
+    output = {}
+    for name in parts[0]:
+        output[name] = torch.cat([part[name] for part in parts])
+    return output
+
+
+def _as_output(detections: list[Detection], size: int, classes: int) -> dict[str, Tensor]:
+    """The detections in one batch of pictures of `size` pixels, as a network answers them."""
+    keypoints = torch.full((len(detections), 4, 2), 0.5)
+    probs = torch.zeros(len(detections), classes)
+    detected = torch.zeros(len(detections), dtype=torch.bool)
+    for i, detection in enumerate(detections):
+        if detection is not None:
+            points, label = detection
+            keypoints[i] = torch.tensor(points) / size
+            probs[i, label] = 1
+            detected[i] = True
+    return {"keypoints": keypoints, "class_probs": probs, "detected": detected}
+
+
+@functools.cache
+def _detector(weights: Path) -> Any:
+    """In a process of its own: the detector, loaded once for all batches."""
+    return library(weights.parents[1] / "library")(str(weights))
+
+
+def _detect(weights: Path, pictures: np.ndarray, device: str) -> list[Detection]:
+    """In a process of its own: the detection in each picture (B, S, S, 3) uint8 BGR."""
+    answers = _detector(weights).predict(
+        list(pictures),
+        imgsz=pictures.shape[1],
+        conf=CONFIDENCE,
+        max_det=1,
+        verbose=False,
+        device=device,
+    )
+    detections: list[Detection] = []
+    for answer in answers:
+        if len(answer.boxes):
+            detections.append((answer.keypoints.xy[0].tolist(), int(answer.boxes.cls[0])))
+        else:
+            detections.append(None)
+    return detections

@@ -1,19 +1,24 @@
-"""The feature map X (Sec. III-A): torchvision's ResNets cut before the pooling, and a compact ResNet for small crops."""
+"""Turn a crop into the feature map X (Sec. III-A).
+
+There are torchvision's ResNets, cut before the pooling, and a compact ResNet for small crops.
+"""
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 
 import torch
 import torchvision
-from safetensors import SafetensorError
-from safetensors.torch import load_file
 from torch import Tensor, nn
 
+from dronekeypp.checkpoint import load_state, read_tensors
 from dronekeypp.errors import InputError
-from dronekeypp.model.config import ModelConfig
+from dronekeypp.files import repository_root
+from dronekeypp.model.config import BackboneConfig
 
-# ImageNet's channel means and deviations: every torchvision weight expects them, and they suit any outdoor photograph.
+# ImageNet's channel means and deviations: every torchvision weight expects them, and they suit any outdoor
+# photograph.
 MEAN = (0.485, 0.456, 0.406)
 STD = (0.229, 0.224, 0.225)
 IMAGENET = {"resnet18": "IMAGENET1K_V1", "resnet34": "IMAGENET1K_V1", "resnet50": "IMAGENET1K_V1"}
@@ -22,9 +27,12 @@ COMPACT_BLOCKS = (1, 1, 2, 2)
 
 
 class Block(nn.Module):
-    """Two 3x3 convolutions and a shortcut (He et al. 2016, Fig. 2). (B, inp, h, w) -> (B, out, h/stride, w/stride)."""
+    """This block has two 3x3 convolutions and a shortcut (He et al. 2016, Fig. 2).
 
-    def __init__(self, inp: int, out: int, stride: int):
+    It turns (B, inp, h, w) into (B, out, h/stride, w/stride).
+    """
+
+    def __init__(self, inp: int, out: int, stride: int) -> None:
         super().__init__()
         self.conv1 = nn.Conv2d(inp, out, 3, stride, 1, bias=False)
         self.norm1 = nn.BatchNorm2d(out)
@@ -44,13 +52,16 @@ class Block(nn.Module):
 
 
 class CompactResNet(nn.Sequential):
-    """Four stages of residual blocks for 96-128 px crops. (B, 3, S, S) -> (B, 256, S/stride, S/stride).
+    """This network has four stages of residual blocks, for crops of 96 to 128 px.
 
-    The first convolution halves the crop and stage 1 keeps that size, so that small propellers survive. With stride 8
-    the last stage keeps its size too: 12x12 tokens from 96 px. Strides have no weights: a file fits both.
+    It turns (B, 3, S, S) into (B, 256, S/stride, S/stride).
+
+    The first convolution halves the crop and stage 1 keeps that size, so that small propellers survive. With
+    stride 8 the last stage keeps its size too: 12x12 tokens from 96 px. Strides have no weights, so one
+    weights file fits both strides.
     """
 
-    def __init__(self, stride: int = 16):
+    def __init__(self, stride: int = 16) -> None:
         stem = nn.Sequential(nn.Conv2d(3, 32, 5, 2, 2, bias=False), nn.BatchNorm2d(32), nn.ReLU())
         stages, width = [], 32
         for channels, blocks, step in zip(
@@ -68,16 +79,24 @@ class CompactResNet(nn.Sequential):
 
 
 class Backbone(nn.Module):
-    """(B, 3, S, S) RGB in [0, 1] -> feature map (B, C, S/stride, S/stride). The normalisation of the image is inside.
+    """This network turns a crop into a feature map.
 
-    `load=False` skips the weights that `config.backbone_weights` names (a checkpoint brings its own). With `bfloat16` set to True
-    the convolutions of a network in training mode are computed in bfloat16; the weights, and the features handed on, stay float32.
-    Raises InputError when ImageNet's weights cannot be downloaded or a weights file does not fit.
+    It takes RGB (B, 3, S, S) in [0, 1], returns (B, C, S/stride, S/stride), and normalises the image itself.
+    With `bfloat16` set to True, the convolutions of a network in training mode are computed in bfloat16. The
+    weights, and the features handed on, stay float32.
+
+    Args:
+        config: which backbone, and its weights.
+        load: False skips the weights that `config.backbone_weights` names, because a checkpoint brings its
+            own.
+
+    Raises:
+        InputError: ImageNet's weights cannot be downloaded, or a weights file does not fit.
     """
 
     bfloat16 = False
 
-    def __init__(self, config: ModelConfig, load: bool = True):
+    def __init__(self, config: BackboneConfig, load: bool = True) -> None:
         super().__init__()
         self.register_buffer("mean", torch.tensor(MEAN).view(1, 3, 1, 1), persistent=False)
         self.register_buffer("std", torch.tensor(STD).view(1, 3, 1, 1), persistent=False)
@@ -88,23 +107,27 @@ class Backbone(nn.Module):
         else:
             net = _torchvision_resnet(config.backbone, imagenet=weights == "imagenet")
             last = net.fc.in_features
-            self.net, self.levels = (
-                nn.Sequential(*list(net.children())[:-2]),
-                (4, 5, 7),
-            )  # without the pooling and the classifier
+            # Without the pooling and the classifier.
+            self.net, self.levels = nn.Sequential(*list(net.children())[:-2]), (4, 5, 7)
             self.pyramid_channels = (last // 8, last // 4, last)
         self.channels = self.pyramid_channels[-1]
         if weights not in (None, "imagenet"):
             load_backbone(self, weights)
-        self.to(
-            memory_format=torch.channels_last
-        )  # a fifth to a third faster on a CPU; the numbers are the same
+        # A fifth to a third faster on a CPU; the numbers are the same.
+        self.to(memory_format=torch.channels_last)
 
     def forward(self, image: Tensor) -> Tensor:
         return self.pyramid(image)[-1]
 
     def pyramid(self, image: Tensor) -> list[Tensor]:
-        """The maps at stride 4 and 8, and the last one: image (B, 3, S, S) -> three tensors with `pyramid_channels` channels."""
+        """Return the maps at stride 4 and 8, and the last one.
+
+        Args:
+            image: (B, 3, S, S) RGB in [0, 1].
+
+        Returns:
+            three tensors, which have the numbers of channels in `pyramid_channels`.
+        """
         x = ((image - self.mean) / self.std).contiguous(memory_format=torch.channels_last)
         maps = []
         halved = self.bfloat16 and self.training
@@ -117,12 +140,15 @@ class Backbone(nn.Module):
 
 
 def _torchvision_resnet(name: str, imagenet: bool) -> nn.Module:
+    """Return a ResNet of torchvision.
+
+    Raises:
+        InputError: ImageNet's weights cannot be downloaded.
+    """
     try:
         return getattr(torchvision.models, name)(weights=IMAGENET[name] if imagenet else None)
-    except (
-        OSError,
-        RuntimeError,
-    ) as error:  # URLError is an OSError; a cut-off file, with a wrong hash, a RuntimeError
+    # URLError is an OSError. A file that was cut off, and so has a wrong hash, is a RuntimeError.
+    except (OSError, RuntimeError) as error:
         raise InputError(
             f"ImageNet weights for {name} could not be downloaded ({error}); connect to the network once, "
             "or train from scratch with backbone_weights=none"
@@ -130,48 +156,45 @@ def _torchvision_resnet(name: str, imagenet: bool) -> nn.Module:
 
 
 def find_weights(path: str | Path) -> Path:
-    """`path` as given, or below the repository's root, so that a notebook in notebooks/ finds data_samples/ too."""
+    """Return the path of a weights file, as given or below the repository's root.
+
+    So a notebook in notebooks/ finds it too.
+
+    Raises:
+        InputError: it is in neither place.
+    """
     path = Path(path)
-    for candidate in (path, Path(__file__).parents[3] / path):
-        if candidate.is_file():
-            return candidate
+    if path.is_file():
+        return path
+    # The package may be installed without the repository.
+    with contextlib.suppress(InputError):
+        if (repository_root() / path).is_file():
+            return repository_root() / path
     raise InputError(
-        f"backbone weights {path} not found; make them with `python -m dronekeypp pretrain`, or train from scratch "
-        "with backbone_weights=none"
+        f"backbone weights {path} not found; they come with the repository: clone it and run this inside it, "
+        "make them with `python -m dronekeypp pretrain`, or train from scratch with backbone_weights=none"
     )
 
 
 def load_backbone(backbone: Backbone, path: str | Path) -> None:
-    """Copy a backbone's weights from a safetensors file (float16 on disk is fine) into `backbone`, as float32."""
+    """Copy a backbone's weights from a safetensors file into `backbone`.
+
+    They become float32; float16 on disk is fine.
+
+    Raises:
+        InputError: the file is missing, cannot be read, or does not fit.
+    """
     path = find_weights(path)
-    try:
-        state = {
-            key: value.float() if value.is_floating_point() else value
-            for key, value in load_file(path).items()
-        }
-    except (SafetensorError, OSError) as error:
-        raise InputError(f"{path} is not a readable safetensors file ({error})") from None
-    load_state(backbone, state, path)
-
-
-def load_state(module: nn.Module, state: dict[str, Tensor], path: str | Path) -> None:
-    """`load_state_dict` whose every failure is one InputError naming the file and the first tensor that is wrong."""
-    own = module.state_dict()
-    missing, extra = sorted(set(own) - set(state)), sorted(set(state) - set(own))
-    if missing or extra:
-        what = f"lacks {missing[0]!r}" if missing else f"has an unknown tensor {extra[0]!r}"
-        raise InputError(f"{path} {what}: it belongs to another configuration")
-    for key, value in state.items():
-        if value.shape != own[key].shape:
-            raise InputError(
-                f"{path}: {key!r} has shape {tuple(value.shape)}, the configuration needs {tuple(own[key].shape)}"
-            )
-    module.load_state_dict(state)
+    load_state(backbone, read_tensors(path), path)
 
 
 def save_backbone(backbone: Backbone) -> dict[str, Tensor]:
-    """The backbone's tensors as float16 (half the file; integers stay), ready for safetensors."""
-    return {
-        key: (value.half() if value.is_floating_point() else value).detach().cpu().contiguous()
-        for key, value in backbone.state_dict().items()
-    }
+    """Return the backbone's tensors as float16, ready for safetensors.
+
+    The file is then half as large. Whole numbers keep their type.
+    """
+    tensors = {}
+    for key, value in backbone.state_dict().items():
+        stored = value.half() if value.is_floating_point() else value
+        tensors[key] = stored.detach().cpu().contiguous()
+    return tensors

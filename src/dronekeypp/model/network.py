@@ -1,8 +1,13 @@
-"""DroneKey++ as a whole (Sec. III, Fig. 2): backbone, keypoint encoder, pose decoder."""
+"""Put DroneKey++ together (Sec. III, Fig. 2).
+
+It consists of a backbone, the keypoint encoder, and one of the pose decoders.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
 
 from torch import Tensor, nn
 from torch.nn.functional import one_hot
@@ -10,62 +15,158 @@ from torch.nn.functional import one_hot
 from dronekeypp.errors import InputError
 from dronekeypp.model.backbone import Backbone
 from dronekeypp.model.base import PoseNetwork
-from dronekeypp.model.config import ModelConfig
+from dronekeypp.model.config import EncoderConfig
+from dronekeypp.model.contract import Decoder, PictureShape
 from dronekeypp.model.decoder import PoseDecoder
 from dronekeypp.model.encoder import KeypointEncoder
-from dronekeypp.model.geometry import GeometricDecoder, SharpHead
-from dronekeypp.model.losses import geometric_loss_terms, loss_terms
+from dronekeypp.model.geometry import GeometricDecoder
+from dronekeypp.settings import Settings, check_mapping
+
+# The pose decoders, by the word that the setting `pose` chooses them by.
+DECODERS: dict[str, type[Decoder]] = {
+    "mlp": PoseDecoder,  # the paper's (Eq. 7-8)
+    "geometric": GeometricDecoder,  # a sharp keypoint head, learned shapes and a solver (notebook 12)
+}
+
+# The settings that only a network with an encoder uses.
+SEEING = (*(set(EncoderConfig.keys()) - {"image_size", "classes"}), "classifier")
+# The outputs that are None where there is no encoder.
+FROM_ENCODER = ("keypoints", "class_logits", "gate", "ir", "cr", "attention")
+
+
+@dataclass(frozen=True)
+class ModelConfig(EncoderConfig):
+    """These are the settings of the whole network (Sec. III).
+
+    `pose` names the decoder, and `decoder` holds that decoder's own settings. In a dict, in JSON and on the
+    command line all settings stand side by side: `ModelConfig.from_dict({"layers": 6, "rotation": "sixd"})`.
+    """
+
+    encoder: str = "learned"  # "truth": no encoder, true keypoints and class go to the decoder (Table 4)
+    classifier: str = "cls"  # Eq. 5: the "cls" token's (paper) | "features": the backbone's, see `encode`
+    pose: str = "mlp"  # the decoder, one of DECODERS
+    decoder: Settings | None = None  # its settings; None: as they come
+
+    CHOICES: ClassVar[dict[str, tuple[str, ...]]] = {
+        **EncoderConfig.CHOICES,
+        "encoder": ("learned", "truth"),
+        "classifier": ("cls", "features"),
+    }
+    ONLY_WITH: ClassVar[dict[str, tuple[str, tuple[Any, ...]]]] = {
+        **dict.fromkeys(SEEING, ("encoder", ("learned",))),
+        **EncoderConfig.ONLY_WITH,
+    }
+
+    def __post_init__(self) -> None:
+        kind = decoder_class(self.pose)
+        if self.decoder is None:
+            object.__setattr__(self, "decoder", kind.Config())
+        if not isinstance(self.decoder, kind.Config):
+            raise InputError(
+                f"pose={self.pose} needs settings of {kind.Config.__name__}, "
+                f"not of {type(self.decoder).__name__}"
+            )
+        super().__post_init__()
+        if self.encoder == "truth" and kind.needs_image:
+            raise InputError(f"pose={self.pose} needs an encoder: it looks at the picture")
+
+    @classmethod
+    def own_keys(cls) -> list[str]:
+        """Return the names of the settings that are not the decoder's."""
+        return [name for name in cls.keys() if name != "decoder"]
+
+    @classmethod
+    def known_keys(cls, values: Mapping[str, Any]) -> list[str]:
+        return cls.own_keys() + decoder_class(values.get("pose", cls.pose)).Config.keys()
+
+    @classmethod
+    def unused(cls, values: Mapping[str, Any]) -> dict[str, str]:
+        decoder = decoder_class(values.get("pose", cls.pose)).Config
+        return {**super().unused(values), **decoder.unused(values)}
+
+    def to_dict(self) -> dict[str, Any]:
+        own = {name: getattr(self, name) for name in self.own_keys()}
+        return {**own, **self.decoder.to_dict()}
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> Self:
+        """Build the settings from a dict that holds the network's and the decoder's side by side.
+
+        Raises:
+            InputError: neither has such a key, or a value does not fit.
+        """
+        check_mapping(values, cls.__name__)
+        known = cls.known_keys(values)
+        for key in values:
+            if key not in known:
+                pose = values.get("pose", cls.pose)
+                raise InputError(f"unknown setting {key!r} with pose={pose}; known: {', '.join(known)}")
+        own, rest = {}, {}
+        for key, value in values.items():
+            part = own if key in cls.own_keys() else rest
+            part[key] = value
+        decoder = decoder_class(values.get("pose", cls.pose)).Config.from_dict(rest)
+        return cls(**own, decoder=decoder)
+
+
+def decoder_class(name: Any) -> type[Decoder]:
+    """Return the decoder that `pose=name` stands for.
+
+    Raises:
+        InputError: there is no such decoder; the known ones are listed.
+    """
+    if not isinstance(name, str) or name not in DECODERS:
+        raise InputError(f"pose={name!r} is not one of: {', '.join(DECODERS)}")
+    return DECODERS[name]
 
 
 class DroneKeyPP(PoseNetwork):
-    """From a crop, the full frame's camera matrix and the crop's square to keypoints, class and 6-DoF pose.
+    """This network finds keypoints, class and 6-DoF pose of a drone.
 
-    `load_backbone=False` skips the file or download that `config.backbone_weights` names.
+    It takes a crop, the full frame's camera matrix and the crop's square. `load_backbone=False` skips the
+    file or the download that `config.backbone_weights` names.
     """
 
     method = "DroneKey++"
+    Config = ModelConfig
+    learns_from = ("R", "t", "keypoints", "keypoints_3d", "label")
 
-    def __init__(self, config: ModelConfig | None = None, load_backbone: bool = True):
+    def __init__(self, config: ModelConfig | None = None, load_backbone: bool = True) -> None:
         super().__init__()
-        self.config = config or ModelConfig()
-        self.truth_inputs = ("keypoints", "label") if self.config.encoder == "truth" else ()
-        self.backbone = self.encoder = self.classifier = None
-        if self.config.encoder == "learned":
-            self.backbone = Backbone(self.config, load=load_backbone)
-            self.encoder = KeypointEncoder(self.config, self.backbone.channels)
-            if self.config.classifier == "features":
-                self.classifier = nn.Linear(self.backbone.channels, self.config.classes)
-        if self.config.pose == "geometric":
-            self.head = SharpHead(self.backbone.pyramid_channels, self.config.image_size // 4)
-            self.decoder = GeometricDecoder(self.config)
-        else:
-            self.head, self.decoder = None, PoseDecoder(self.config)
+        self.config = config = config or ModelConfig()
+        self.truth_inputs = ("keypoints", "label") if config.encoder == "truth" else ()
+        self.backbone = self.encoder = self.classifier = picture = None
+        if config.encoder == "learned":
+            self.backbone = Backbone(config, load=load_backbone)
+            self.encoder = KeypointEncoder(config, self.backbone.channels)
+            picture = PictureShape(config.width, self.backbone.pyramid_channels, config.image_size)
+            if config.classifier == "features":
+                self.classifier = nn.Linear(self.backbone.channels, config.classes)
+        self.decoder = decoder_class(config.pose)(config.decoder, config.classes, picture)
 
     def encode(self, image: Tensor) -> dict[str, Tensor | list[Tensor] | None]:
-        """The picture's part: image (B, 3, S, S) -> keypoints, class_logits and what else `forward` returns of the encoder.
+        """Return what can be read from the picture (B, 3, S, S).
 
-        With `pose="geometric"` the keypoints are the sharp head's, with their keypoint_sigma; the encoder's own are coarse_keypoints.
+        It is keypoints, class_logits and the rest of the encoder's answers. A decoder may look at the picture
+        as well and put sharper keypoints in their place (`Decoder.look`).
 
-        With `classifier="features"` a linear layer names the drone from the backbone's pooled features, and its loss stops there: a backbone that
-        is taught the class on a few hundred flights soon knows these flights by heart, and others less well than before.
+        With `classifier="features"` a linear layer names the drone from the backbone's pooled features, and
+        its loss stops there. A backbone that is taught the class on a few hundred flights soon knows these
+        flights by heart, and others less well than before.
         """
         levels = self.backbone.pyramid(image)
         encoded = self.encoder(levels[-1])
         if self.classifier is not None:
-            encoded = {**encoded, "class_logits": self.classifier(levels[-1].detach().mean(dim=(2, 3)))}
-        if self.head is not None:
-            encoded = {**encoded, "coarse_keypoints": encoded["keypoints"], **self.head(levels)}
-        return encoded
+            pooled = levels[-1].detach().mean(dim=(2, 3))  # (B, C)
+            encoded = {**encoded, "class_logits": self.classifier(pooled)}
+        return self.decoder.look(levels, encoded)
 
-    def decode(
-        self, encoded: dict[str, Tensor], probs: Tensor, K: Tensor, square: Tensor
-    ) -> dict[str, Tensor | None]:
-        """The geometry's part: what `encode` found, and class probabilities (B, classes), to the pose."""
-        if self.head is None:
-            return self.decoder(encoded["keypoints"], probs, K, square)
-        return self.decoder(
-            encoded["keypoints"], probs, K, square, encoded["keypoint_sigma"], encoded["ir"][:, -1]
-        )
+    def decode(self, encoded: dict, probs: Tensor, K: Tensor, square: Tensor) -> dict[str, Tensor | None]:
+        """Return the pose from what `encode` returned and from class probabilities (B, classes).
+
+        This is the part of the network that does geometry.
+        """
+        return self.decoder.decode(encoded, probs, K, square)
 
     def forward(
         self,
@@ -75,92 +176,115 @@ class DroneKeyPP(PoseNetwork):
         keypoints: Tensor | None = None,
         label: Tensor | None = None,
     ) -> dict[str, Tensor | list[Tensor] | None]:
-        """
+        """Return keypoints, class and pose, and what lies between them.
+
+        The result is a dict. What the configuration leaves out is None. A decoder may add outputs of its own:
+        `GeometricDecoder` adds keypoint_sigma, covariance and more.
+
         Args:
             image: (B, 3, S, S) RGB in [0, 1]; may be None where nothing needs it.
             K: (B, 3, 3) full-frame camera matrix A, pixels.
             square: (B, 3) the crop's x, y, side in full-frame pixels.
             keypoints: (B, 4, 2) crop units, given to the decoder *instead of* the encoder's.
-            label: (B,) class indices, given to the decoder as one-hot *instead of* the encoder's distribution. With
-                encoder="truth" both are required (Table 4); otherwise they answer "what if": a wrong class, say.
+            label: (B,) class indices, given to the decoder as one-hot *instead of* the encoder's
+                distribution. With encoder="truth" both are required (Table 4). Otherwise they answer "what
+                if": a wrong class, for example.
 
         Returns:
-            A dict: keypoints (B, 4, 2) crop units · keypoints_px (B, 4, 2) full-frame pixels · gate (B, N) ·
-            ir (B, N, d) · cr (B, N, 4, 2) · attention, N tensors (B, heads, 1+M, 1+M) · class_logits, class_probs (B, classes) ·
-            rays (B, 4, 3) · e_ray, e_cls (B, 64) · keypoints_3d (B, 4, 3) metres, camera axes, about the centre ·
-            angles (B, 3) turns · R (B, 3, 3) camera<-body · t (B, 3) metres. What the configuration leaves out is None.
-            With pose="geometric" also what `SharpHead` and `GeometricDecoder` return: keypoint_sigma, covariance and more.
+            keypoints: (B, 4, 2) crop units.
+            keypoints_px: (B, 4, 2) full-frame pixels.
+            gate: (B, N), Eq. 3.
+            ir: (B, N, d), the layers' pooled tokens.
+            cr: (B, N, 4, 2) crop units, the layers' keypoints of Eq. 2.
+            attention: N tensors (B, heads, 1+M, 1+M).
+            class_logits, class_probs: (B, classes).
+            rays: (B, 4, 3), Eq. 6.
+            e_ray, e_cls: (B, 64).
+            keypoints_3d: (B, 4, 3) metres, camera axes, relative to the drone's centre.
+            angles: (B, 3) turns.
+            R: (B, 3, 3) camera←body.
+            t: (B, 3) metres.
 
         Raises:
-            InputError: shapes that do not fit, encoder="truth" without the truth, or pose="geometric" without an image.
+            InputError: shapes do not fit, the truth is missing with encoder="truth", or there is no image for
+                a decoder that looks at it.
         """
         self._check(image, K, square, keypoints, label)
         if self.encoder is not None and (image is not None or keypoints is None or label is None):
             encoded = self.encode(image)
         else:
-            encoded = dict.fromkeys(("keypoints", "class_logits", "gate", "ir", "cr", "attention"))
+            encoded = dict.fromkeys(FROM_ENCODER)
         if keypoints is not None:
             encoded["keypoints"] = keypoints
         if label is not None:
             probs = one_hot(label, self.config.classes).to(K.dtype)
-            encoded["class_logits"] = (
-                probs + 1e-9
-            ).log()  # so that a softmax gives the one-hot back and L_cls is 0
+            # With these a softmax gives the one-hot back, and L_cls is 0.
+            encoded["class_logits"] = (probs + 1e-9).log()
         else:
             probs = encoded["class_logits"].softmax(dim=-1)  # Eq. 5
         encoded["class_probs"] = probs
         return {**encoded, **self.decode(encoded, probs, K, square)}
 
-    def _check(self, image, K, square, keypoints, label) -> None:
+    def _check(
+        self,
+        image: Tensor | None,
+        K: Tensor,
+        square: Tensor,
+        keypoints: Tensor | None,
+        label: Tensor | None,
+    ) -> None:
+        """Check the inputs of `forward`.
+
+        Raises:
+            InputError: as described there.
+        """
         B, S = K.shape[0], self.config.image_size
-        wanted = {"K": (K, (B, 3, 3)), "square": (square, (B, 3)), "image": (image, (B, 3, S, S)),
-                  "keypoints": (keypoints, (B, 4, 2)), "label": (label, (B,))}  # fmt: skip
+        wanted = {
+            "K": (K, (B, 3, 3)),
+            "square": (square, (B, 3)),
+            "image": (image, (B, 3, S, S)),
+            "keypoints": (keypoints, (B, 4, 2)),
+            "label": (label, (B,)),
+        }
         for name, (value, shape) in wanted.items():
             if value is not None and tuple(value.shape) != shape:
                 raise InputError(f"{name} has shape {tuple(value.shape)}, the network needs {shape}")
-        if self.config.encoder == "truth" and (keypoints is None or label is None):
+        without_truth = keypoints is None or label is None
+        if self.config.encoder == "truth" and without_truth:
             raise InputError('this network has encoder="truth": give it the true keypoints and label')
-        if image is None and (keypoints is None or label is None):
+        if image is None and without_truth:
             raise InputError("without an image the network needs both keypoints and label")
-        if image is None and self.head is not None:
+        if image is None and self.decoder.needs_image:
             raise InputError(
-                'a network with pose="geometric" needs the image: how sure it is of each keypoint comes from it'
+                f'a network with pose="{self.config.pose}" needs the image: '
+                "how sure it is of each keypoint comes from it"
             )
-
-    def fit_rays(self, batches: Iterable[dict[str, Tensor]]) -> None:
-        """Set the decoder's ray statistics from training batches (keypoints, square, K). See `RayFeatures`."""
-        self.decoder.fit_rays(batches)
 
     def prepare(self, annotations: dict[str, Tensor]) -> None:
-        """The ray statistics are part of the network, and so are the classes' shapes: truth of the training frames, no images."""
-        self.fit_rays([annotations])
-        if self.head is not None:
-            self.decoder.shapes.fit(
-                *(
-                    annotations[name].to(self.decoder.shapes.hubs.device)
-                    for name in ("label", "R", "keypoints_3d")
-                )
-            )
+        """Let the decoder learn from the truth of training frames.
+
+        Decoders learn ray statistics and shapes.
+        """
+        self.decoder.prepare(annotations)
 
     def losses(self, output: dict, batch: dict, keypoint_unit: float) -> dict[str, Tensor]:
-        """Eq. 9 and 11; see `loss_terms`, and `geometric_loss_terms` for `pose="geometric"`."""
-        return (loss_terms if self.head is None else geometric_loss_terms)(output, batch, keypoint_unit)
+        """Return the decoder's terms of the loss: Eq. 9 and 11, or its own in their place."""
+        return self.decoder.losses(output, batch, keypoint_unit)
 
     @property
     def idle_parameters(self) -> bool:
-        return (
-            self.config.idle_layers or self.classifier is not None
-        )  # the [cls] token's own answer is then not asked for
+        # With a classifier on the features the [cls] token's own answer is not asked for.
+        return self.config.idle_layers or self.classifier is not None
 
     def parameter_counts(self) -> dict[str, int]:
-        """Learnable numbers by part: {"backbone", "encoder", "decoder", "total"}, and "classifier" and "head" where there are any."""
+        """Return how many learnable numbers each part has.
+
+        The parts are "backbone", "encoder", "decoder", "classifier" if there is one, and "total".
+        """
         parts = {"backbone": self.backbone, "encoder": self.encoder, "decoder": self.decoder}
-        parts |= {
-            name: part
-            for name, part in (("classifier", self.classifier), ("head", self.head))
-            if part is not None
-        }
-        counts = {
-            name: sum(p.numel() for p in part.parameters()) if part else 0 for name, part in parts.items()
-        }
+        if self.classifier is not None:
+            parts["classifier"] = self.classifier
+        counts = {}
+        for name, part in parts.items():
+            counts[name] = 0 if part is None else sum(p.numel() for p in part.parameters())
         return {**counts, "total": sum(counts.values())}

@@ -1,0 +1,274 @@
+"""Save and load checkpoints: folders that say by themselves what they hold.
+
+A checkpoint holds two files:
+
+    model.safetensors   the weights; nothing is pickled
+    config.json         {"format": 2, "method": …, "drones": [{"name", "label", "hubs", "hubs_digest"}, …],
+                         "settings": {…}}
+
+`drones` are the classes in their order, with the hubs that the network was trained on (body axes, metres).
+`settings` are those of the method. The first format held only the settings, beside the method; it can be read
+too.
+
+A method of your own is one line in `METHODS`: its name, and where its class is. The class derives from
+`model.PoseNetwork`.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+from pathlib import Path
+from typing import Any, Protocol
+
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file
+from safetensors.torch import save as to_bytes
+from torch import Tensor, nn
+
+from dronekeypp.classes import DroneClass, unnamed
+from dronekeypp.errors import InputError
+from dronekeypp.files import read_json, write_beside
+from dronekeypp.settings import Settings, usable
+
+WEIGHTS, CONFIG, BEST = "model.safetensors", "config.json", "best"
+FORMAT = 2
+
+# Every method that a checkpoint can hold, and its class as MODULE:CLASS. A class is imported only when it is
+# asked for.
+METHODS: dict[str, str] = {
+    "DroneKey++": "dronekeypp.model.network:DroneKeyPP",
+    "DroneKey": "dronekeypp.baselines.dronekey:DroneKey",
+    "DronePose": "dronekeypp.baselines.dronepose:DronePose",
+}
+EXPORTED = "dronekeypp.exported:OnnxNetwork"  # the class that runs a file of `export`
+
+# The settings that every checkpoint of the first format held, whether its method used them or not.
+FIRST_FORMAT = (
+    *("backbone", "backbone_weights", "backbone_stride", "image_size", "width", "layers", "heads", "ffn"),
+    *("norm", "dropout", "pool", "gate", "keypoint_head", "layer_input", "encoder", "classifier"),
+    *("use_rays", "use_class", "use_3d", "rays", "rotation", "translation", "pose", "angle_zero"),
+    *("decoder_width", "decoder_layers", "classes"),
+)
+
+
+class Network(Protocol):
+    """This is what every loaded checkpoint offers: a `PoseNetwork`, or an exported file."""
+
+    method: str
+    config: Settings
+    drones: tuple[DroneClass, ...]
+
+    def __call__(self, image: Tensor, K: Tensor, square: Tensor, **truth: Tensor) -> dict[str, Any]: ...
+
+
+def network_class(method: str) -> type:
+    """Return the class of a method.
+
+    Raises:
+        InputError: there is no such method; the known ones are listed.
+    """
+    if method not in METHODS:
+        raise InputError(f"unknown method {method!r}; known: {', '.join(METHODS)}")
+    return _imported(METHODS[method])
+
+
+def _imported(place: str) -> type:
+    """Import the class at MODULE:CLASS."""
+    module, name = place.split(":")
+    return getattr(importlib.import_module(module), name)
+
+
+def find(path: str | Path) -> Path:
+    """Return the folder or file of a checkpoint.
+
+    It is `path` itself or, where `path` is a training run, its folder best/.
+    """
+    path = Path(path)
+    best = path / BEST
+    return best if (best / CONFIG).is_file() else path
+
+
+def weights_file(path: str | Path) -> Path:
+    """Return the file that holds the weights of a checkpoint.
+
+    For an exported network this is the file itself.
+    """
+    path = find(path)
+    return path if is_exported(path) else path / WEIGHTS
+
+
+def is_exported(path: str | Path) -> bool:
+    """Say whether a path has the suffix of a file that `export` writes."""
+    return Path(path).suffix.lower() == ".onnx"
+
+
+def load(path: str | Path) -> Network:
+    """Load any checkpoint in evaluation mode.
+
+    `path` is a folder that `save` wrote, a run folder (its best/ is taken), or a file of `export`.
+
+    Raises:
+        InputError: the checkpoint is missing, broken, or of an unknown method. The message names the file.
+    """
+    path = find(path)
+    if is_exported(path):
+        return _imported(EXPORTED)(path)
+    method, _, _ = read_config(path)
+    return network_class(method).from_pretrained(path)
+
+
+def save(network: nn.Module, folder: str | Path, half: bool = False) -> None:
+    """Write a network's two files into `folder`, which is made if needed.
+
+    Each file is first written beside its place and then renamed. With `half` the weights are stored as
+    float16: the file is half as large, and is read back as float32.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    state = {}
+    for key, value in network.state_dict().items():
+        stored = value.half() if half and value.is_floating_point() else value
+        state[key] = stored.detach().cpu().contiguous()
+    write_beside(folder / WEIGHTS, to_bytes(state))
+    text = json.dumps(describe(network), indent=2) + "\n"
+    write_beside(folder / CONFIG, text.encode())
+
+
+def describe(network: nn.Module) -> dict[str, Any]:
+    """Return what config.json says of a network; the metadata of an exported file say the same."""
+    drones = [drone.to_dict() for drone in network.drones]
+    settings = network.config.to_dict()
+    return {"format": FORMAT, "method": network.method, "drones": drones, "settings": settings}
+
+
+def read_config(folder: str | Path, kind: type | None = None) -> tuple[str, Settings, tuple[DroneClass, ...]]:
+    """Read the method's name, the settings and the drones of a checkpoint.
+
+    Args:
+        folder: the checkpoint.
+        kind: a network's class that need not be among METHODS. It is used where its method is the stored one.
+
+    Raises:
+        InputError: a file is missing or broken. The message names it.
+    """
+    folder = Path(folder)
+    for name in (CONFIG, WEIGHTS):
+        if not (folder / name).is_file():
+            raise InputError(
+                f"{folder / name} not found: a checkpoint is a folder with {CONFIG} and {WEIGHTS}"
+            )
+    return parse(read_json(folder / CONFIG), folder / CONFIG, kind)
+
+
+def parse(
+    values: Any, source: str | Path, kind: type | None = None
+) -> tuple[str, Settings, tuple[DroneClass, ...]]:
+    """Return the method's name, the settings and the drones from what `describe` wrote.
+
+    Both this format and the first one are read.
+
+    Args:
+        values: the content of config.json.
+        source: what an error message calls it.
+        kind: as in `read_config`.
+
+    Raises:
+        InputError: the values are not the description of a checkpoint. The message names `source`.
+    """
+    try:
+        if not isinstance(values, dict):
+            raise InputError(f"not the description of a checkpoint but a {type(values).__name__}")
+        if "settings" not in values:
+            method, settings = _from_first_format(values)
+        elif values.get("format") == FORMAT:
+            method, settings = str(values.get("method")), values["settings"]
+        else:
+            raise InputError(
+                f"format {values.get('format')!r}; this version of the package reads 1 and {FORMAT}"
+            )
+        if kind is None or kind.method != method:
+            kind = network_class(method)
+        config = kind.Config.from_dict(settings)
+        if "drones" not in values:
+            return method, config, unnamed(getattr(config, "classes", 7))
+        drones = tuple(DroneClass.from_dict(entry) for entry in values["drones"])
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from None
+    except TypeError:
+        raise InputError(f"{source}: drones is not a list of classes") from None
+    classes = getattr(config, "classes", len(drones))
+    if classes != len(drones):
+        raise InputError(f"{source}: names {len(drones)} drones, its settings have {classes} classes")
+    return method, config, drones
+
+
+def _from_first_format(values: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+    """Return the method and the settings of a checkpoint of the first format.
+
+    Settings that its method ignored are left out.
+    """
+    settings = dict(values)
+    method = str(settings.pop("method", "DroneKey++"))
+    kind = network_class(method).Config
+    used = usable(kind, settings, {})
+    for key in settings:
+        if key not in FIRST_FORMAT:
+            used[key] = settings[key]  # `from_dict` then says that there is no such setting
+    return method, used
+
+
+def read_state(folder: str | Path, method: str) -> dict[str, Tensor]:
+    """Read the weights of a checkpoint as float32, under the names that they have today.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    path = Path(folder) / WEIGHTS
+    state = {}
+    for key, value in read_tensors(path).items():
+        if method == "DroneKey++" and key.startswith("head."):  # the first format kept it beside the decoder
+            key = f"decoder.{key}"
+        state[key] = value
+    return state
+
+
+def read_tensors(path: str | Path) -> dict[str, Tensor]:
+    """Read the tensors of a safetensors file; float16 becomes float32.
+
+    Raises:
+        InputError: the file cannot be read. The message names it.
+    """
+    try:
+        tensors = load_file(path)
+    except (SafetensorError, OSError) as error:
+        raise InputError(f"{path} is not a readable safetensors file ({error})") from None
+    for key, value in tensors.items():
+        if value.dtype == torch.half:
+            tensors[key] = value.float()
+    return tensors
+
+
+def load_state(module: nn.Module, state: dict[str, Tensor], path: str | Path) -> None:
+    """Put weights into a module.
+
+    It is `load_state_dict` with one kind of error.
+
+    Raises:
+        InputError: a tensor is missing, unknown or of another shape. The message names the file and the first
+            such tensor.
+    """
+    own = module.state_dict()
+    missing, extra = sorted(set(own) - set(state)), sorted(set(state) - set(own))
+    if missing:
+        raise InputError(f"{path} lacks {missing[0]!r}: it belongs to another configuration")
+    if extra:
+        raise InputError(f"{path} has an unknown tensor {extra[0]!r}: it belongs to another configuration")
+    for key, value in state.items():
+        if value.shape != own[key].shape:
+            raise InputError(
+                f"{path}: {key!r} has shape {tuple(value.shape)}, "
+                f"the configuration needs {tuple(own[key].shape)}"
+            )
+    module.load_state_dict(state)
