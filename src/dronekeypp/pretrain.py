@@ -1,18 +1,24 @@
-"""The stand-in for ImageNet: the compact backbone, trained alone on further flights of the training scenes, with simple heads.
+"""Pretrain the compact backbone, the stand-in for ImageNet's weights.
 
-A keypoint regressed from max-pooled tokens (Eq. 2) learns slowly from scratch; a heatmap per keypoint, with its centre of mass as
-the answer (soft-argmax, Sun et al. 2018), learns in the first epoch. So the backbone first learns with heatmaps, a linear
-classifier and a 6D rotation on pooled features. Then these heads are thrown away and the backbone is stored as float16.
+It is trained alone, with simple heads, on further flights of the training scenes.
 
-The flights matter more than the frames. A backbone pretrained on the 168 training flights knows each of them by heart (drone named
-in 100 % of their frames, in 78 % of unseen ones), and whatever is trained on its features afterwards learns from features that
-are too good to be true. So ours is pretrained on the same scenes flown with other seeds, and never sees the flights it is used on.
+A keypoint regressed from max-pooled tokens (Eq. 2) learns slowly from scratch. A heatmap per keypoint, with
+its centre of mass as the answer (soft-argmax, Sun et al. 2018), learns in the first epoch. So the backbone
+first learns with heatmaps, and with a linear classifier and a 6D rotation on pooled features. Then these
+heads are thrown away and the backbone is stored as float16.
+
+Which flights it is trained on matters more than how many frames. A backbone pretrained on the 168 training
+flights knows each of them by heart: it names the drone in 100 % of their frames, and in 78 % of unseen ones.
+Whatever is trained on its features afterwards then learns from features that are too good to be true. So ours
+is pretrained on the same scenes flown with other seeds, and never sees the flights it is used on.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,22 +29,38 @@ from torch.nn.functional import cross_entropy, mse_loss, smooth_l1_loss
 from torch.utils.data import ConcatDataset, Dataset
 
 from dronekeypp import __version__, rotations
+from dronekeypp.classes import match
+from dronekeypp.data import FrameDataset, open_dataset
 from dronekeypp.errors import InputError
 from dronekeypp.files import command_line, write_beside
 from dronekeypp.model.backbone import Backbone, save_backbone
 from dronekeypp.model.base import PoseNetwork
-from dronekeypp.model.config import ModelConfig
+from dronekeypp.model.config import BackboneConfig
 from dronekeypp.model.encoder import cell_centres
+from dronekeypp.presets import TrainConfig, preset
 from dronekeypp.train import TrainState, choose_device, describe_data, fit
 
 
+@dataclass(frozen=True)
+class PretrainConfig(BackboneConfig):
+    """These are the backbone's settings, and how many drones there are to tell apart."""
+
+    classes: int = 7
+
+
 class PretrainNet(PoseNetwork):
-    """Backbone with three passing heads. image (B, 3, S, S) -> keypoints (B, 4, 2) crop units, class_logits, R (B, 3, 3)."""
+    """This is the backbone with three heads that are thrown away after the pretraining.
+
+    It turns image (B, 3, S, S) into keypoints (B, 4, 2) in crop units, class_logits and class_probs
+    (B, classes), and R (B, 3, 3).
+    """
 
     method = "backbone"
+    Config = PretrainConfig
+    learns_from = ("keypoints", "label", "R")
     judged_by = "keypoints"
 
-    def __init__(self, config: ModelConfig):
+    def __init__(self, config: PretrainConfig) -> None:
         super().__init__()
         self.config = config
         self.backbone = Backbone(config, load=False)
@@ -52,7 +74,7 @@ class PretrainNet(PoseNetwork):
     def forward(
         self, image: Tensor, K: Tensor | None = None, square: Tensor | None = None
     ) -> dict[str, Tensor]:
-        """K and square are not looked at."""
+        """Return the answers of the three heads; K and square are not used."""
         features = self.backbone(image)  # (B, C, s, s)
         pooled = features.mean(dim=(2, 3))  # (B, C)
         logits = self.to_class(pooled)
@@ -64,7 +86,11 @@ class PretrainNet(PoseNetwork):
         }
 
     def losses(self, output: dict, batch: dict, keypoint_unit: float) -> dict[str, Tensor]:
-        """Smooth L1 on keypoints in tenths of the crop (unit 10) · 0.3 cross-entropy · MSE on R: weights that start near one another."""
+        """Return the three terms, with weights that let them start near one another.
+
+        They are smooth L1 on keypoints in tenths of the crop (with the keypoint unit 10), 0.3 times the
+        cross-entropy of the class, and the MSE on R.
+        """
         return {
             "L_2D": smooth_l1_loss(keypoint_unit * output["keypoints"], keypoint_unit * batch["keypoints"]),
             "L_cls": 0.3 * cross_entropy(output["class_logits"], batch["label"]),
@@ -73,18 +99,29 @@ class PretrainNet(PoseNetwork):
 
 
 def soft_argmax(logits: Tensor) -> Tensor:
-    """Heatmaps (B, K, s, s) -> the centre of mass of their softmax (B, K, 2) as (x, y) in crop units.
+    """Return the centre of mass of each heatmap's softmax.
 
-    A centre of mass never leaves the outermost cell centres (1/12 from the border with 6x6 cells); the crop's margin keeps the hubs inside.
+    A centre of mass never leaves the outermost cell centres (1/12 from the border with 6x6 cells); the crop's
+    margin keeps the hubs inside.
+
+    Args:
+        logits: (B, K, s, s) heatmaps.
+
+    Returns:
+        (B, K, 2) as (x, y) in crop units.
     """
     return logits.flatten(2).softmax(dim=-1) @ cell_centres(logits.shape[-1]).to(logits)  # (B, K, M) @ (M, 2)
 
 
 class Joined(ConcatDataset):
-    """Several data sets as one, for `fit`: `manifest["digest"]` joins theirs."""
+    """This class joins several data sets into one, for `fit`.
 
-    def __init__(self, datasets: Sequence[Dataset]):
+    `manifest["digest"]` joins the digests of the parts.
+    """
+
+    def __init__(self, datasets: Sequence[FrameDataset]) -> None:
         super().__init__(datasets)
+        self.drones, self.keys = datasets[0].drones, datasets[0].keys
         self.manifest = {"digest": "+".join(str(d.manifest["digest"]) for d in datasets)}
 
     def set_epoch(self, epoch: int) -> None:
@@ -93,7 +130,7 @@ class Joined(ConcatDataset):
             dataset.set_epoch(epoch)
 
     def annotations(self) -> dict[str, Tensor]:
-        """Those of every part, one after the other."""
+        """Return the annotations of every part, one after the other."""
         parts = [dataset.annotations() for dataset in self.datasets]
         return {name: torch.cat([part[name] for part in parts]) for name in parts[0]}
 
@@ -108,18 +145,28 @@ def pretrain(
     progress: bool = True,
     command: str | None = None,
 ) -> Path:
-    """Pretrain the compact backbone on the training scenes of one or more data sets on disk and write it to `out_file`.
+    """Pretrain the compact backbone on data sets on disk and write it to `out_file`.
 
-    `val_root`: the data set whose validation scenes judge it; by default the first of `dataset_roots`.
-    `overrides` reach ModelConfig and TrainConfig, as in `train`.
-    Until the end the state lies beside, as OUT_FILE.resume: after a kill, `resume` goes on from its last whole epoch.
+    Until the end, the state lies beside as OUT_FILE.resume. After a kill, `resume` goes on from its last
+    whole epoch.
+
+    Args:
+        dataset_roots: one or more data sets, whose training scenes are used.
+        out_file: the safetensors file to write.
+        val_root: the data set whose validation scenes judge the backbone; by default the first of
+            `dataset_roots`.
+        epochs: epochs to train.
+        overrides: settings of PretrainConfig and TrainConfig, as in `train`.
+        resume: go on from OUT_FILE.resume.
+        progress: show a bar and one line per epoch.
+        command: the command that is recorded in the file; None for that of this process.
+
+    Returns:
+        the path of the file.
 
     Raises:
-        InputError: a setting or the data set does not fit, or `out_file` exists already.
+        InputError: a setting or a data set does not fit, or `out_file` exists already.
     """
-    from dronekeypp.presets import preset
-    from dronekeypp.sixdronesyn.dataset import SixDroneSyn
-
     for key in ("schedule", "backbone_lr"):
         if key in (overrides or {}):
             raise InputError(f"--set {key}: pretraining has its own losses and no {key}; leave it out")
@@ -130,32 +177,40 @@ def pretrain(
         "backbone_weights": None,
         **(overrides or {}),
     }
-    model_config, config = preset("cpu", changes)
+    model_config, config = preset("cpu", changes, PretrainNet)
     size = model_config.image_size
-    parts = [
-        SixDroneSyn(
+    parts = []
+    for i, root in enumerate(dataset_roots):
+        part = open_dataset(
             root, "train", size=size, augment=config.augment, seed=config.seed + i, degrade=config.degrade
         )
-        for i, root in enumerate(dataset_roots)
-    ]
+        parts.append(part)
+        if match(part.drones, parts[0].drones) != list(range(len(parts[0].drones))):
+            raise InputError(
+                f"{root} holds other drones than {dataset_roots[0]}; pretrain on data sets of the same"
+            )
     train_set = parts[0] if len(parts) == 1 else Joined(parts)
-    val_set = SixDroneSyn(val_root or dataset_roots[0], "val", size=size)
+    val_set = open_dataset(val_root or dataset_roots[0], "val", size=size)
+    model_config = model_config.replace(classes=len(train_set.drones))
     command = command or command_line()
     return pretrain_to(train_set, val_set, out_file, model_config, config, resume, progress, command)
 
 
 def pretrain_to(
-    train_set,
-    val_set,
-    out_file,
-    model_config,
-    config,
-    resume=False,
-    progress=False,
-    command="",
-    on_epoch=None,
+    train_set: Dataset,
+    val_set: Dataset,
+    out_file: str | Path,
+    model_config: PretrainConfig,
+    config: TrainConfig,
+    resume: bool = False,
+    progress: bool = False,
+    command: str = "",
+    on_epoch: Callable[[TrainState], None] | None = None,
 ) -> Path:
-    """`pretrain` for any two data sets whose items are those of `SixDroneSyn`."""
+    """Do what `pretrain` does, for any two data sets that keep the frame contract.
+
+    The contract is that of `dronekeypp.data`.
+    """
     out_file = Path(out_file)
     if out_file.exists():
         raise InputError(f"{out_file} exists already; choose another name or remove it")
@@ -175,12 +230,21 @@ def pretrain_to(
             on_epoch(state)
 
     fit(state.model, train_set, val_set, config, keep, progress, state)
+    last = {}
+    for name, value in state.history[-1].items():
+        if not math.isnan(value):
+            last[name] = round(value, 4)
     metadata = {
-        "command": command, "dronekeypp": __version__, "dataset_digest": str(data["digest"]),
-        "train_frames": str(len(train_set)), "epochs": str(state.epoch), "seed": str(config.seed),
-        "backbone_stride": str(model_config.backbone_stride), "image_size": str(model_config.image_size),
-        "validation": json.dumps({k: round(v, 4) for k, v in state.history[-1].items() if v == v}),
-    }  # fmt: skip
+        "command": command,
+        "dronekeypp": __version__,
+        "dataset_digest": str(data["digest"]),
+        "train_frames": str(len(train_set)),
+        "epochs": str(state.epoch),
+        "seed": str(config.seed),
+        "backbone_stride": str(model_config.backbone_stride),
+        "image_size": str(model_config.image_size),
+        "validation": json.dumps(last),
+    }
     write_beside(out_file, save(save_backbone(state.model.backbone), metadata))
     half_way.unlink(missing_ok=True)
     return out_file

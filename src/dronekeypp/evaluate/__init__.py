@@ -1,0 +1,47 @@
+"""Evaluate networks (Sec. V-A).
+
+There are the errors of every frame, their summary by scene and drone, and the command `evaluate`.
+"""
+
+from dronekeypp.evaluate.errors import FORMAT, MARGIN, PCK, frame_errors
+from dronekeypp.evaluate.run import (
+    apply_model,
+    batches_of,
+    constant_baseline,
+    evaluate,
+    evaluate_checkpoint,
+    share_drones,
+    to_device,
+)
+from dronekeypp.evaluate.statistics import (
+    INTERVALS,
+    MEASURES,
+    averages,
+    format_table,
+    interval_of_mean,
+    json_values,
+    measure,
+    summarise,
+)
+
+__all__ = [
+    "FORMAT",
+    "INTERVALS",
+    "MARGIN",
+    "MEASURES",
+    "PCK",
+    "apply_model",
+    "averages",
+    "batches_of",
+    "constant_baseline",
+    "evaluate",
+    "evaluate_checkpoint",
+    "format_table",
+    "frame_errors",
+    "interval_of_mean",
+    "json_values",
+    "measure",
+    "share_drones",
+    "summarise",
+    "to_device",
+]

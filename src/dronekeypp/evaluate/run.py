@@ -1,0 +1,261 @@
+"""Measure a network's errors on a data set: `python -m dronekeypp evaluate`.
+
+The constant answer, which every network has to beat, is measured here too.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import nn
+from torch.utils.data import DataLoader, Dataset
+from tqdm import tqdm
+
+from dronekeypp import checkpoint, data, rotations
+from dronekeypp.classes import match, names_of
+from dronekeypp.errors import InputError
+from dronekeypp.evaluate.errors import frame_errors
+from dronekeypp.evaluate.statistics import Frames, averages, format_table, json_values, summarise
+from dronekeypp.files import write_beside
+from dronekeypp.frame_dataset import FrameDataset, Relabelled
+
+# An error that must be finite, and the part of the output that it needs.
+MUST_BE_FINITE = {"R_deg": "R", "t_m": "t", "keypoint_units": "keypoints"}
+
+
+def to_device(batch: dict, device: torch.device | str) -> dict[str, torch.Tensor]:
+    """Return the tensors of a batch on a device."""
+    moved = {}
+    for name, value in batch.items():
+        if torch.is_tensor(value):
+            moved[name] = value.to(device, non_blocking=True)
+    return moved
+
+
+def batches_of(dataset: Dataset, batch: int, workers: int = 0) -> DataLoader:
+    """Return batches of the frames of a data set, in their order.
+
+    Memory is pinned where a GPU will read it.
+    """
+    return DataLoader(
+        dataset,
+        batch_size=batch,
+        num_workers=workers,
+        generator=torch.Generator(),
+        pin_memory=torch.cuda.is_available(),
+    )
+
+
+def apply_model(model: nn.Module, batch: dict, truth_inputs: Sequence[str] = ()) -> dict:
+    """Run a network on a batch, with the truths that `truth_inputs` names.
+
+    In Table 4 these are keypoints and label.
+    """
+    truth = {name: batch[name] for name in truth_inputs}
+    return model(batch["image"], batch["K"], batch["square"], **truth)
+
+
+def evaluate(
+    model: nn.Module | Callable[..., dict],
+    dataset: Dataset,
+    batch: int = 64,
+    workers: int = 0,
+    criterion: Callable[[dict, dict], dict[str, torch.Tensor]] | None = None,
+    progress: Callable | None = None,
+) -> Frames:
+    """Return the errors of every frame of a data set, in its order.
+
+    They are the arrays of `frame_errors`, joined. The network is put in evaluation mode and left as it was.
+
+    Args:
+        model: a network, or anything that is called like one, for example an exported file.
+        dataset: the frames.
+        batch: frames at a time.
+        workers: processes that load the data.
+        criterion: `criterion(output, batch)` may add loss terms; their means come back as "losses".
+        progress: may wrap the batches (tqdm).
+
+    Raises:
+        InputError: the data set is empty, lacks a truth, or has other drones than the network knows; or a
+            prediction is not finite (the message names the frame).
+    """
+    if len(dataset) == 0:
+        raise InputError("nothing to evaluate: the data set has no frames")
+    data.require(dataset, data.EVALUATED, "an evaluation")
+    check_drones(model, dataset)
+    # An exported file has no mode and no parameters; an empty module stands for it.
+    network = model if isinstance(model, nn.Module) else nn.Module()
+    device = next((p.device for p in network.parameters()), torch.device("cpu"))
+    truth_inputs = getattr(model, "truth_inputs", ())
+    parts, sums = [], {}
+    must_be_finite: list[str] = []
+    was_training = network.training
+    network.eval()
+    try:
+        with torch.inference_mode():
+            loader = batches_of(dataset, batch, workers)
+            for items in progress(loader) if progress else loader:
+                items = to_device(items, device)
+                output = apply_model(model, items, truth_inputs)
+                parts.append(frame_errors(output, items))
+                must_be_finite = [
+                    name for name, part in MUST_BE_FINITE.items() if output.get(part) is not None
+                ]
+                for name, value in (criterion(output, items) if criterion else {}).items():
+                    sums[name] = sums.get(name, 0.0) + value.item() * len(items["t"])
+    finally:
+        network.train(was_training)
+    frames = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    check_finite(frames, must_be_finite)
+    if criterion:
+        frames["losses"] = {name: total / len(dataset) for name, total in sums.items()}
+    return frames
+
+
+def check_finite(frames: Frames, names: Sequence[str]) -> None:
+    """Check that the named errors are finite.
+
+    Raises:
+        InputError: one is not. The message names the frame.
+    """
+    bad = ~np.isfinite([frames[name] for name in names]).all(axis=0)
+    if bad.any():
+        i = int(bad.argmax())
+        raise InputError(
+            f"the error of frame {frames['frame'][i]} (scene {frames['scene'][i]}) is not finite: "
+            "the annotation or the network's weights hold NaN"
+        )
+
+
+def tells_drones_apart(model: nn.Module | Callable) -> bool:
+    """Say whether a class index means something to a network."""
+    return hasattr(model, "drones") and hasattr(model.config, "classes")
+
+
+def check_drones(model: nn.Module | Callable, dataset: Dataset) -> None:
+    """Check that a class index means the same drone to the network and to the data set.
+
+    Raises:
+        InputError: it does not.
+    """
+    drones = data.drones_of(dataset)
+    if drones is None or not tells_drones_apart(model):
+        return
+    if match(drones, model.drones) != list(range(len(drones))):
+        raise InputError(
+            f"the data set's drones are {', '.join(names_of(drones))}; "
+            f"the network's are {', '.join(names_of(model.drones))}: not the same, or their hubs differ"
+        )
+
+
+def share_drones(model: nn.Module | Callable, dataset: FrameDataset) -> tuple[Dataset, str]:
+    """Return the frames of those drones that the network knows, with its class indices.
+
+    Returns:
+        the frames, and a sentence that says what was left out. It is empty if the two know the same drones in
+        the same order.
+
+    Raises:
+        InputError: they have no drone in common.
+    """
+    if not tells_drones_apart(model):
+        return dataset, ""
+    indices = match(dataset.drones, model.drones)
+    present = sorted(set(dataset.labels))
+    shared = [dataset.drones[i].name for i in present if indices[i] is not None]
+    strange = [dataset.drones[i].name for i in present if indices[i] is None]
+    if not shared:
+        raise InputError(
+            f"{dataset.root} holds {', '.join(strange)}, and the network knows "
+            f"{', '.join(names_of(model.drones))}: no drone in common, or their hubs differ"
+        )
+    if indices == list(range(len(indices))):
+        return dataset, ""
+    sentence = f"measured on {', '.join(shared)}"
+    if strange:
+        sentence += f"; left out, because the network does not know them: {', '.join(strange)}"
+    return Relabelled(dataset, indices, model.drones), sentence
+
+
+def constant_baseline(train_set: Dataset, test_set: Dataset) -> Frames:
+    """Return the errors of the bar to beat: one answer for every frame.
+
+    It is the training set's median translation, its best constant rotation, its commonest class and its mean
+    keypoints. The errors have the form of those of `evaluate`, so `summarise`, `averages` and `format_table`
+    take them like a network's.
+    """
+    train, test = data.read_annotations(train_set), data.read_annotations(test_set)
+    n = len(test["t"])
+    classes = int(max(train["label"].max(), test["label"].max())) + 1
+    probs = torch.bincount(train["label"], minlength=classes).float()
+    output = {
+        "R": rotations.best_constant_rotation(train["R"]).expand(n, 3, 3),
+        "t": train["t"].median(dim=0).values.expand(n, 3),
+        "keypoints": train["keypoints"].mean(dim=0).expand(n, 4, 2),
+        "class_probs": probs.expand(n, -1),
+    }
+    # Only the width of the images is read; one stands for all.
+    image = torch.as_tensor(test_set[0]["image"])[None]
+    return frame_errors(output, {**test, "image": image})
+
+
+def evaluate_checkpoint(
+    source: str | Path,
+    dataset_root: str | Path,
+    split: str = "test",
+    json_file: str | Path | None = None,
+    progress: bool = True,
+) -> list[dict]:
+    """Measure a saved network on one split of a data set on disk, and print the table.
+
+    Args:
+        source: a checkpoint, a run folder, of which best/ is taken, or a file of `export`.
+        dataset_root: the data set.
+        split: the split.
+        json_file: a file to write the rows to; None for no file.
+        progress: show a bar.
+
+    Returns:
+        the rows of the table.
+
+    Raises:
+        InputError: the checkpoint or the data set cannot be read, or they have no drone in common.
+    """
+    if json_file:
+        check_writable(Path(json_file))  # before the work, not after it
+    model = checkpoint.load(source)
+    if isinstance(model, nn.Module):
+        model.to("cuda" if torch.cuda.is_available() else "cpu")
+    whole = data.open_dataset(dataset_root, split, size=model.config.image_size)
+    dataset, left_out = share_drones(model, whole)
+    if left_out:
+        print(f"{dataset_root}: {left_out}")
+
+    def show(batches: DataLoader) -> tqdm:
+        return tqdm(batches, split, leave=False, disable=None if progress else True)
+
+    frames = evaluate(model, dataset, progress=show)
+    names = names_of(model.drones if tells_drones_apart(model) else whole.drones)
+    rows, means = summarise(frames, names, method=model.method), averages(frames, method=model.method)
+    print(format_table(rows + means))
+    if json_file:
+        described = {"split": split, "digest": whole.manifest.get("digest")}
+        result = json_values({"name": "evaluate", "dataset": described, "rows": rows, "averages": means})
+        write_beside(Path(json_file), (json.dumps(result, indent=1) + "\n").encode())
+    return rows
+
+
+def check_writable(path: Path) -> None:
+    """Check that a file can be written at a path.
+
+    Raises:
+        InputError: the path is a folder, or lies in one that does not exist.
+    """
+    if path.is_dir():
+        raise InputError(f"{path}: a folder, not a file")
+    if not path.resolve().parent.is_dir():
+        raise InputError(f"{path}: its folder does not exist; make it first")

@@ -1,0 +1,219 @@
+"""Train into a run folder that survives being killed: `python -m dronekeypp train`.
+
+A run folder holds:
+
+    config.json        every setting, and what the data was
+    best/              the checkpoint with the lowest validation score: `checkpoint.load(run)` takes it
+    last.safetensors   everything needed to go on: weights, Adam's moments, the history as JSON in the header
+    metrics.csv        one row per epoch
+
+`torchrun --nproc-per-node 2 -m dronekeypp train …` runs the same code in several processes. `batch` is then
+the sum of theirs.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import io
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+import torch.distributed as dist
+from torch.utils.data import Dataset
+
+from dronekeypp import checkpoint, data, presets
+from dronekeypp.checkpoint import BEST, CONFIG
+from dronekeypp.errors import InputError
+from dronekeypp.files import digest, lock_folder, read_json, remove_unfinished, write_beside
+from dronekeypp.model import DroneKeyPP, PoseNetwork
+from dronekeypp.model.backbone import find_weights
+from dronekeypp.presets import TrainConfig
+from dronekeypp.settings import Settings
+from dronekeypp.train.loop import choose_device, fit
+from dronekeypp.train.state import TrainState, check_settings, run_settings
+
+LAST, METRICS = "last.safetensors", "metrics.csv"
+
+
+def train(
+    dataset_root: str | Path,
+    out: str | Path,
+    preset: str = "cpu",
+    overrides: Mapping[str, Any] | None = None,
+    resume: bool = False,
+    progress: bool = True,
+    method: str = DroneKeyPP.method,
+) -> Path:
+    """Train a method on a data set on disk.
+
+    The number of classes is that of the data set's drones.
+
+    Args:
+        dataset_root: the data set; its splits "train" and "val" are used.
+        out: the run folder.
+        preset: a key of `presets.PRESETS`.
+        overrides: settings that replace the preset's.
+        resume: go on with the run that `out` holds.
+        progress: show a bar and one line per epoch.
+        method: a key of `checkpoint.METHODS`.
+
+    Returns:
+        the folder of the best checkpoint.
+
+    Raises:
+        InputError: a setting, the data set or the run folder does not fit; see `train_on` and
+            `presets.preset`.
+    """
+    network = checkpoint.network_class(method)
+    model_config, config = presets.preset(preset, overrides, network)
+    size = model_config.image_size
+    train_set = data.open_dataset(
+        dataset_root, "train", size=size, augment=config.augment, degrade=config.degrade, seed=config.seed
+    )
+    val_set = data.open_dataset(dataset_root, "val", size=size)
+    drones = len(train_set.drones)
+    if hasattr(model_config, "classes"):
+        if "classes" in (overrides or {}) and model_config.classes != drones:
+            raise InputError(
+                f"classes={model_config.classes}: {dataset_root} has {drones} drones; leave the setting out"
+            )
+        model_config = model_config.replace(classes=drones)
+    return train_on(train_set, val_set, out, model_config, config, resume, progress, network=network)
+
+
+def train_on(
+    train_set: Dataset,
+    val_set: Dataset,
+    out: str | Path,
+    model_config: Settings,
+    config: TrainConfig,
+    resume: bool = False,
+    progress: bool = False,
+    on_epoch: Callable[[TrainState], None] | None = None,
+    network: type[PoseNetwork] = DroneKeyPP,
+) -> Path:
+    """Do what `train` does, for any network and any two data sets that keep the frame contract.
+
+    The contract is that of `dronekeypp.data`.
+
+    Raises:
+        InputError: `out` holds something and `resume` is off; or with `resume`, the settings or the data are
+            not those that `out` was made with; or another process trains there; or the network has more or
+            fewer classes than the data set has drones; or a loss is not finite.
+    """
+    out = Path(out)
+    with process_group(config), contextlib.ExitStack() as held:
+        described = describe_data(train_set, val_set)
+        described["backbone_digest"] = weights_digest(model_config)
+        main = not dist.is_initialized() or dist.get_rank() == 0
+        if main:
+            prepare_folder(out, run_settings(network.method, model_config, config, described), resume)
+            held.enter_context(lock_folder(out))
+        if dist.is_initialized():
+            dist.barrier()
+        torch.manual_seed(config.seed)  # the network's first weights
+        resuming = resume and (out / LAST).is_file()
+        model = network(model_config, load_backbone=not resuming).to(choose_device(config))
+        drones = data.drones_of(train_set)
+        if drones is not None:
+            model.know(drones)
+        state = TrainState(model, config, described)
+        if resuming:
+            state.load(out / LAST)
+            if main and state.history:  # a kill may have come between the state and its row
+                write_beside(out / METRICS, to_csv(state.history).encode())
+
+        def keep(state: TrainState) -> None:
+            if main:
+                if state.is_best:
+                    checkpoint.save(model, out / BEST)
+                state.save(out / LAST)
+                write_beside(out / METRICS, to_csv(state.history).encode())
+            if on_epoch:
+                on_epoch(state)
+
+        fit(model, train_set, val_set, config, keep, progress, state)
+    return out / BEST
+
+
+def describe_data(train_set: Dataset, val_set: Dataset) -> dict[str, Any]:
+    """Return what a run must find again to be resumed.
+
+    It is the numbers of frames, the digest of their manifest (None without one), and the number of processes.
+    """
+    manifest_digest = getattr(train_set, "manifest", {}).get("digest")
+    processes = dist.get_world_size() if dist.is_initialized() else 1
+    return {
+        "train_frames": len(train_set),
+        "val_frames": len(val_set),
+        "digest": manifest_digest,
+        "processes": processes,
+    }
+
+
+def weights_digest(config: Settings) -> str | None:
+    """Return what tells pretrained weights from others of the same name.
+
+    It is None for ImageNet's weights and where there are none.
+    """
+    weights = getattr(config, "backbone_weights", None)
+    if weights in (None, "imagenet"):
+        return None
+    return digest(find_weights(weights).read_bytes())
+
+
+def prepare_folder(out: Path, settings: dict, resume: bool) -> None:
+    """Make the run folder, or check that it is the one to go on with.
+
+    Raises:
+        InputError: the folder is not empty and not to be resumed, or it belongs to other settings.
+    """
+    if resume:
+        remove_unfinished(out)
+        remove_unfinished(out / BEST)
+    if resume and (out / CONFIG).is_file():
+        old = read_json(out / CONFIG, mend="start again in another folder")
+        check_settings(old, settings, out / CONFIG)
+        return
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        mend = "choose another folder" if resume else "add --resume to go on, or choose another folder"
+        raise InputError(f"{out} is not empty{' and not a run' if resume else ''}: {mend}")
+    out.mkdir(parents=True, exist_ok=True)
+    write_beside(out / CONFIG, (json.dumps(settings, indent=2) + "\n").encode())
+
+
+def to_csv(history: list[dict[str, Any]]) -> str:
+    """Return the text of metrics.csv, with numbers of six digits."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(history[0]), lineterminator="\n")
+    writer.writeheader()
+    for row in history:
+        cells = {}
+        for name, value in row.items():
+            cells[name] = f"{value:.6g}" if isinstance(value, float) else value
+        writer.writerow(cells)
+    return text.getvalue()
+
+
+@contextlib.contextmanager
+def process_group(config: TrainConfig) -> Iterator[None]:
+    """Join the other processes under torchrun (WORLD_SIZE > 1), and leave them at the end.
+
+    They talk by NCCL on GPUs and by gloo on CPUs. Without torchrun nothing is done.
+    """
+    if int(os.environ.get("WORLD_SIZE", 1)) < 2 or dist.is_initialized():
+        yield
+        return
+    device = choose_device(config)
+    if device.type == "cuda":
+        torch.cuda.set_device(device)
+    dist.init_process_group("nccl" if device.type == "cuda" else "gloo")
+    try:
+        yield
+    finally:
+        dist.destroy_process_group()

@@ -1,0 +1,151 @@
+"""Keep on disk what changes while training: weights, Adam's moments and the history.
+
+The settings that they belong to are stored with them.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
+
+from dronekeypp import checkpoint
+from dronekeypp.errors import InputError
+from dronekeypp.files import write_beside
+from dronekeypp.model import ModelConfig, PoseNetwork
+from dronekeypp.presets import TrainConfig
+from dronekeypp.settings import Settings
+
+FREE_KEYS = ("workers", "max_minutes", "device")  # these may differ when a run is resumed
+
+
+class TrainState:
+    """This is what changes while training: the network, Adam, the finished epochs and their history."""
+
+    def __init__(self, model: PoseNetwork, config: TrainConfig, data: dict[str, Any] | None = None) -> None:
+        self.model, self.config = model, config
+        self.settings = run_settings(model.method, model.config, config, data or {})
+        backbone = list(model.backbone.parameters()) if model.backbone is not None else []
+        in_backbone = {id(p) for p in backbone}
+        rest = [p for p in model.parameters() if id(p) not in in_backbone]
+        groups = []
+        for parameters, share in ((rest, 1.0), (backbone, config.backbone_lr)):
+            if parameters:
+                groups.append({"params": parameters, "share": share})  # share: of the learning rate
+        self.optimiser = torch.optim.Adam(groups, lr=config.lr, weight_decay=config.weight_decay)
+        self.epoch = 0  # finished epochs
+        self.history: list[dict[str, Any]] = []
+        self.best_score = math.inf
+        self.is_best = False  # the epoch just finished is the best so far
+
+    def _names(self) -> list[str]:
+        """Return the names of the parameters in Adam's order."""
+        names = {id(p): name for name, p in self.model.named_parameters()}
+        ordered = []
+        for group in self.optimiser.param_groups:
+            ordered += [names[id(p)] for p in group["params"]]
+        return ordered
+
+    def save(self, path: Path) -> None:
+        """Write the state as one safetensors file.
+
+        It is written beside its place and then renamed. Nothing is pickled.
+        """
+        tensors = {f"model/{key}": value for key, value in self.model.state_dict().items()}
+        names = self._names()
+        for i, moments in self.optimiser.state_dict()["state"].items():
+            for key, value in moments.items():
+                tensors[f"adam/{names[i]}/{key}"] = value
+        tensors = {key: value.detach().cpu().contiguous() for key, value in tensors.items()}
+        header = {
+            "epoch": self.epoch,
+            "best_score": self.best_score,
+            "history": self.history,
+            "settings": self.settings,
+        }
+        write_beside(path, save(tensors, {"state": json.dumps(header)}))
+
+    def load(self, path: Path) -> None:
+        """Go on from a file of `save`.
+
+        Raises:
+            InputError: the file is broken, or belongs to other settings, other data or another network.
+        """
+        header, tensors = read_state_file(path)
+        check_settings(header["settings"], self.settings, path)
+        parameters = dict(self.model.named_parameters())
+        places = {name: i for i, name in enumerate(self._names())}
+        weights, moments = {}, {}
+        try:
+            for key, value in tensors.items():
+                part, _, name = key.partition("/")
+                if part == "model":
+                    weights[name] = value
+                elif part == "adam":
+                    parameter, _, moment = name.partition("/")
+                    # Use the memory layout of the weight: sums in another order differ in the last bit.
+                    like = parameters[parameter] if value.dim() else value
+                    copied = torch.empty_like(like).copy_(value).detach()
+                    moments.setdefault(places[parameter], {})[moment] = copied
+            self.model.load_state_dict(weights)
+        except (RuntimeError, KeyError):
+            raise InputError(f"{path} belongs to another network; start again without --resume") from None
+        groups = self.optimiser.state_dict()["param_groups"]
+        self.optimiser.load_state_dict({"state": moments, "param_groups": groups})
+        self.epoch, self.best_score = header["epoch"], header["best_score"]
+        self.history = header["history"]
+
+
+def read_state_file(path: Path) -> tuple[dict[str, Any], dict[str, torch.Tensor]]:
+    """Return the header and the tensors of a file of `TrainState.save`.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    try:
+        with safe_open(path, "pt") as file:
+            header = json.loads(file.metadata()["state"])
+            tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 (not a dict)
+        for key in ("settings", "epoch", "best_score", "history"):
+            header[key]
+    except (SafetensorError, OSError, KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            f"{path} is not a readable training state ({error}); start again without --resume"
+        ) from None
+    return header, tensors
+
+
+def run_settings(method: str, model: Settings, config: TrainConfig, data: dict[str, Any]) -> dict[str, dict]:
+    """Return what config.json of a run holds, and what must be the same when it is resumed."""
+    return {"model": {"method": method, **model.to_dict()}, "train": config.to_dict(), "data": data}
+
+
+def check_settings(old: dict, new: dict, where: Path) -> None:
+    """Check that a run that was begun with the settings `old` can go on with `new`.
+
+    FREE_KEYS may differ. A setting that did not exist when the run began stands for its default, which does
+    what was done before there was a choice. A setting that its method never used does not count.
+
+    Raises:
+        InputError: it cannot. The message names the setting and `where` the old one stands.
+    """
+    usual = {"model": ModelConfig().to_dict(), "train": TrainConfig().to_dict(), "data": {}}
+    for part, now in new.items():
+        begun = old.get(part) if isinstance(old, dict) else None
+        if not isinstance(begun, dict):
+            raise InputError(f"{where} is broken (no {part!r}); start again in another folder")
+        for key in {**begun, **now}:
+            ignored = part == "model" and key not in now and key in checkpoint.FIRST_FORMAT
+            if key in FREE_KEYS or ignored:
+                continue
+            was = begun.get(key, usual[part].get(key))
+            if was != now.get(key):
+                raise InputError(
+                    f"cannot resume {where}: {part}.{key} was {was!r} and is now {now.get(key)!r}; "
+                    "use the old one or another folder"
+                )
