@@ -1,4 +1,6 @@
-"""Poses in one's own footage: the numbers are the network's, every file format says the same, and nothing broken stops it."""
+"""Poses in one's own footage: the numbers are the network's, every file format says the same, and nothing
+broken stops it.
+"""
 
 import csv
 import json
@@ -9,19 +11,40 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from fakes import FakeDrones, saved
+from fakes import FakeDrones, saved, tiny
+from tqdm import tqdm
 
-from dronekeypp import predict as predict_module
+from dronekeypp import checkpoint
 from dronekeypp.camera import from_crop, to_crop
+from dronekeypp.classes import DroneClass, names_of
 from dronekeypp.cli import main
+from dronekeypp.data import open_dataset
 from dronekeypp.errors import InputError
 from dronekeypp.files import lock_folder
-from dronekeypp.footage import Calibration, Footage, Tracker, open_footage, read_boxes, read_camera
-from dronekeypp.model import DroneKeyPP
-from dronekeypp.predict import JOURNAL, POSES, mirror_doubt, predict, read_journal
+from dronekeypp.footage import (
+    Calibration,
+    Footage,
+    Tracker,
+    open_footage,
+    read_boxes,
+    read_camera,
+)
+from dronekeypp.model import DroneKeyPP, ModelConfig
+from dronekeypp.predict import (
+    JOURNAL,
+    POSES,
+    SETTINGS,
+    Pose,
+    batches,
+    draw_overlay,
+    mirror_doubt,
+    predict,
+    read_journal,
+    run,
+)
 from dronekeypp.rotations import geodesic_degrees
 from dronekeypp.sequences import gaussian
-from dronekeypp.sixdronesyn.dataset import SixDroneSyn
+from dronekeypp.settings import usable
 
 ROOT = Path(__file__).parents[1]
 CHECKPOINT = ROOT / "data_samples" / "checkpoint"
@@ -30,7 +53,7 @@ CHECKPOINT = ROOT / "data_samples" / "checkpoint"
 @pytest.fixture(scope="module")
 def frames():
     """Seven whole frames, one of every drone."""
-    return SixDroneSyn(ROOT / "data_samples" / "frames", "test", size=96, stride=1)
+    return open_dataset(ROOT / "data_samples" / "frames", "test", size=96)
 
 
 @pytest.fixture(scope="module")
@@ -62,6 +85,12 @@ def small(tmp_path_factory):
     return saved(tmp_path_factory.mktemp("small"))
 
 
+@pytest.fixture(scope="module")
+def names(small):
+    """The names of its drones."""
+    return names_of(checkpoint.load(small).drones)
+
+
 def test_the_poses_are_the_networks(footage, frames, tmp_path):
     images, camera, boxes, chosen = footage
     poses = predict(CHECKPOINT, images, camera, tmp_path / "out", boxes=boxes, progress=False)
@@ -90,6 +119,99 @@ def test_the_poses_are_the_networks(footage, frames, tmp_path):
     assert len(video.names) == 7 and next(video.read())[1].shape == (1080, 1920, 3)
 
 
+SQUARE = np.array([[0.3, 0.3, 0], [0.3, -0.3, 0], [-0.3, -0.3, 0], [-0.3, 0.3, 0]])  # hubs, metres
+
+
+def save_with_drones(folder, *drones):
+    """A tiny network that knows these drones."""
+    torch.manual_seed(0)
+    network = DroneKeyPP(ModelConfig.from_dict(tiny(classes=len(drones))))
+    network.know(drones)
+    network.save_pretrained(folder)
+    return folder
+
+
+def test_the_names_are_those_of_the_networks_drones(footage, tmp_path):
+    images, camera, boxes, _ = footage
+    net = save_with_drones(tmp_path / "net", DroneClass("Wren"), DroneClass("Kite", SQUARE, "A red kite"))
+    poses = predict(net, images, camera, tmp_path / "out", boxes=boxes, progress=False)
+    rows = list(csv.DictReader((tmp_path / "out" / POSES).read_text().splitlines()))
+    number_of = {"Wren": "1", "Kite": "2"}
+    assert [row["obj_id"] for row in rows] == [number_of[pose.drone] for pose in poses]
+    settings = json.loads((tmp_path / "out" / SETTINGS).read_text())
+    assert settings["drones"] == {"Wren": None, "Kite": DroneClass("Kite", SQUARE).digest}
+    other = save_with_drones(tmp_path / "other", DroneClass("Wren"), DroneClass("Kite", 2 * SQUARE))
+    with pytest.raises(InputError, match="begun with another drones"):  # the weights are the same
+        predict(other, images, camera, tmp_path / "out", boxes=boxes, progress=False)
+
+
+@pytest.mark.parametrize(
+    "drone, text, length",
+    [
+        (DroneClass("Kite", SQUARE, "A red kite"), "A red kite 50 %, 2.00 m", 0.3 * np.sqrt(2)),
+        (DroneClass("Kite"), "Kite 50 %, 2.00 m", 0.1),  # of unknown size
+    ],
+)
+def test_the_overlay_shows_title_and_size_of_the_drone(monkeypatch, drone, text, length):
+    texts, tips = [], []
+    monkeypatch.setattr(cv2, "putText", lambda image, text, *rest: texts.append(text))
+    monkeypatch.setattr(cv2, "arrowedLine", lambda image, start, tip, *rest, **more: tips.append(tip))
+    pose = Pose(
+        frame=0,
+        box=np.array([300.0, 200, 40, 40]),
+        drone="Kite",
+        score=0.5,
+        doubt_px=0.1,
+        keypoints=np.full((4, 2), 320.0),
+        R=np.eye(3),
+        t=np.array([0.0, 0, 2]),
+        seconds=0.1,
+        turn_sigma_deg=float("nan"),
+        shift_sigma_m=float("nan"),
+    )
+    calibration = Calibration(np.array([[1000.0, 0, 320.5], [0, 1000, 240.5], [0, 0, 1]]))
+    image = draw_overlay(np.zeros((480, 640, 3), np.uint8), pose, calibration, drone)
+    assert texts == [text] and image.shape == (480, 640, 3) and image.any()
+    forward = round(1000 * length / 2)  # pixels: the body's x axis, two metres away
+    assert tips == [(320 + forward, 240), (320, 240 + forward), (320, 240)]
+
+
+def test_a_run_of_an_older_version_goes_on(footage, small, tmp_path, monkeypatch):
+    """Its settings.json did not name the network's drones."""
+    images, camera, boxes, _ = footage
+    out = tmp_path / "out"
+    whole = predict(small, images, camera, out, boxes=boxes, overlay=False, progress=False)
+    settings = json.loads((out / SETTINGS).read_text())
+    drones = settings.pop("drones")
+    (out / SETTINGS).write_text(json.dumps({**settings, "own_drones": {}}))
+    monkeypatch.setattr(batches, "fill", None)  # nothing is left to ask
+    again = predict(small, images, camera, out, boxes=boxes, overlay=False, progress=False)
+    np.testing.assert_array_equal([pose.t for pose in again], [pose.t for pose in whole])
+    assert json.loads((out / SETTINGS).read_text()) == {**settings, "drones": drones}
+    (out / SETTINGS).write_text(json.dumps({**settings, "camera": "another"}))
+    with pytest.raises(InputError, match="begun with another camera"):
+        predict(small, images, camera, out, boxes=boxes, overlay=False, progress=False)
+
+
+@pytest.mark.parametrize(
+    "method, changes, kind",
+    [
+        ("DroneKey", {}, "DroneKey"),  # it is told which drone it sees
+        ("DronePose", {}, "DronePose"),  # it does not say which drone it sees
+        ("DroneKey++", {"encoder": "truth"}, r"DroneKey\+\+ without an encoder"),
+    ],
+)
+def test_networks_that_do_not_name_the_drone_are_refused(footage, tmp_path, method, changes, kind):
+    images, camera, boxes, _ = footage
+    network_class = checkpoint.network_class(method)
+    settings = usable(network_class.Config, tiny(), changes)
+    network = network_class(network_class.Config.from_dict({**settings, **changes}))
+    network.save_pretrained(tmp_path / "net")
+    with pytest.raises(InputError, match=f"net holds a network of {kind}; this takes DroneKey"):
+        predict(tmp_path / "net", images, camera, tmp_path / "out", boxes=boxes, progress=False)
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_geometric_network_says_how_sure_it_is_and_is_smoothed_by_it(footage, tmp_path):
     images, camera, boxes, _ = footage
     net = saved(tmp_path / "net", rays="split", pose="geometric", classifier="features")
@@ -112,25 +234,27 @@ def test_doubt_is_what_a_mirror_changes():
     items = next(iter(torch.utils.data.DataLoader(data, 6)))
 
     def sees(image, K, square):
-        """The truth, whichever way round the picture is: left of the principal point becomes right, and the hubs swap names."""
-        flipped = not torch.equal(image, items["image"])
+        """The truth, whichever way round the picture is.
+
+        Left of the principal point becomes right, and the hubs swap names.
+        """
         pixels = from_crop(items["keypoints"], items["square"])
-        if flipped:
-            pixels = torch.stack([2 * K[:, None, 0, 2] - pixels[..., 0], pixels[..., 1]], dim=-1)[
-                :, [1, 0, 3, 2]
-            ]
-        return {"keypoints": to_crop(pixels, square) + (torch.tensor([0.03, 0.04]) if flipped else 0)}
+        if torch.equal(image, items["image"]):
+            return {"keypoints": to_crop(pixels, square)}
+        mirrored = torch.stack([2 * K[:, None, 0, 2] - pixels[..., 0], pixels[..., 1]], dim=-1)
+        moved = torch.tensor([0.03, 0.04])
+        return {"keypoints": to_crop(mirrored[:, [1, 0, 3, 2]], square) + moved}
 
     doubt = mirror_doubt(sees, items["image"], items["K"], items["square"], items["keypoints"])
     torch.testing.assert_close(doubt, torch.full((6,), 0.05), atol=1e-5, rtol=0)
 
 
-def test_a_killed_run_goes_on(footage, small, tmp_path, monkeypatch):
+def test_a_killed_run_goes_on(footage, small, names, tmp_path, monkeypatch):
     images, camera, boxes, _ = footage
-    monkeypatch.setattr(predict_module, "BATCH", 2)
+    monkeypatch.setattr(batches, "BATCH", 2)
     whole = predict(small, images, camera, tmp_path / "whole", boxes=boxes, overlay=False, progress=False)
     calls = []
-    real = predict_module.fill
+    real = batches.fill
 
     def dies(*arguments):
         calls.append(1)
@@ -138,16 +262,19 @@ def test_a_killed_run_goes_on(footage, small, tmp_path, monkeypatch):
             raise KeyboardInterrupt
         return real(*arguments)
 
-    monkeypatch.setattr(predict_module, "fill", dies)
+    monkeypatch.setattr(batches, "fill", dies)
     with pytest.raises(KeyboardInterrupt):
         predict(small, images, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=False)
     journal = tmp_path / "out" / JOURNAL
-    assert len(read_journal(journal)) == 4
+    assert len(read_journal(journal, names)) == 4
     journal.write_text(journal.read_text() + "4,shot_4.jpg,ok,12.")  # half a row
     seen = []
-    monkeypatch.setattr(
-        predict_module, "fill", lambda *arguments: (seen.append(len(arguments[2])), real(*arguments))[1]
-    )
+
+    def counts(network, calibration, crops):
+        seen.append(len(crops))
+        real(network, calibration, crops)
+
+    monkeypatch.setattr(batches, "fill", counts)
     poses = predict(small, images, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=False)
     assert sum(seen) == 3  # only what was missing
     for a, b in zip(whole, poses, strict=True):
@@ -158,14 +285,15 @@ def test_a_killed_run_goes_on(footage, small, tmp_path, monkeypatch):
 
 def test_a_run_killed_before_its_first_row_goes_on(footage, small, tmp_path, monkeypatch):
     images, camera, boxes, _ = footage
-    real = predict_module.fill
-    monkeypatch.setattr(predict_module, "fill", lambda *arguments: (_ for _ in ()).throw(KeyboardInterrupt))
-    with pytest.raises(KeyboardInterrupt):
+
+    def dies(*arguments):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as killed, pytest.raises(KeyboardInterrupt):
+        killed.setattr(batches, "fill", dies)
         predict(small, images, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=False)
-    monkeypatch.setattr(predict_module, "fill", real)
-    assert (
-        len(predict(small, images, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=False)) == 7
-    )
+    poses = predict(small, images, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=False)
+    assert len(poses) == 7
 
 
 def test_a_mended_input_is_taken(footage, small, tmp_path):
@@ -175,9 +303,8 @@ def test_a_mended_input_is_taken(footage, small, tmp_path):
     with pytest.raises(InputError, match="line 2: not a frame"):
         predict(small, images, camera, tmp_path / "out", boxes=mine, overlay=False, progress=False)
     mine.write_text(boxes.read_text())
-    assert (
-        len(predict(small, images, camera, tmp_path / "out", boxes=mine, overlay=False, progress=False)) == 7
-    )
+    poses = predict(small, images, camera, tmp_path / "out", boxes=mine, overlay=False, progress=False)
+    assert len(poses) == 7
 
 
 @pytest.mark.parametrize(
@@ -206,7 +333,7 @@ def test_a_drone_that_straightening_cuts_off_has_no_pose(small, tmp_path):
         )
 
 
-def test_a_broken_frame_is_told_and_passed_over(footage, small, tmp_path):
+def test_a_broken_frame_is_told_and_passed_over(footage, small, names, tmp_path):
     images, camera, boxes, _ = footage
     folder = shutil.copytree(images, tmp_path / "images")
     (folder / "shot_2.jpg").unlink()
@@ -216,7 +343,7 @@ def test_a_broken_frame_is_told_and_passed_over(footage, small, tmp_path):
     few.write_text("\n".join(line for line in boxes.read_text().splitlines() if "shot_5" not in line) + "\n")
     poses = predict(small, folder, camera, tmp_path / "out", boxes=few, smooth=0.05, progress=False)
     assert [pose.frame for pose in poses] == [0, 1, 3, 6]
-    status = [row["status"] for row in read_journal(tmp_path / "out" / JOURNAL)]
+    status = [row["status"] for row in read_journal(tmp_path / "out" / JOURNAL, names)]
     assert status == [
         "ok",
         "ok",
@@ -231,18 +358,30 @@ def test_a_broken_frame_is_told_and_passed_over(footage, small, tmp_path):
 
 def test_a_folder_is_told_how_fast_it_was_taken(footage, small, tmp_path):
     images, camera, boxes, _ = footage
-    given = dict(boxes=boxes, overlay=False, progress=False)
-    raw, slow, fast = (
-        predict(small, images, camera, tmp_path / "out", smooth=smooth, rate=rate, **given)
-        for smooth, rate in ((0.0, 30), (0.05, 1), (0.05, 900))
-    )
-    spread = [np.ptp([pose.t for pose in poses], axis=0).max() for poses in (raw, slow, fast)]
-    np.testing.assert_allclose(
-        [pose.t for pose in slow], [pose.t for pose in raw]
-    )  # a second apart: no neighbour near
-    assert spread[2] < spread[0]
+
+    def positions(smooth, rate):
+        out = tmp_path / "out"
+        poses = predict(
+            small, images, camera, out, boxes=boxes, smooth=smooth, rate=rate, overlay=False, progress=False
+        )
+        return np.array([pose.t for pose in poses])
+
+    raw, slow, fast = positions(0.0, 30), positions(0.05, 1), positions(0.05, 900)
+    np.testing.assert_allclose(slow, raw)  # a second apart: no neighbour near
+    assert np.ptp(fast, axis=0).max() < np.ptp(raw, axis=0).max()
     with pytest.raises(InputError, match="--rate 0: frames a second, above 0"):
-        predict(small, images, camera, tmp_path / "out", rate=0, **given)
+        positions(0.05, 0)
+
+
+def test_one_frame_a_second_is_smoothed_too(footage, small, tmp_path):
+    images, camera, boxes, _ = footage
+    usual = dict(boxes=boxes, rate=1, overlay=False, progress=False)
+    raw = predict(small, images, camera, tmp_path / "out", **usual)
+    poses = predict(small, images, camera, tmp_path / "out", smooth=3, **usual)
+    before, after = np.array([pose.t for pose in raw]), np.array([pose.t for pose in poses])
+    assert np.ptp(after, axis=0).max() < 0.7 * np.ptp(before, axis=0).max()
+    row = next(csv.DictReader((tmp_path / "out" / POSES).read_text().splitlines()))
+    np.testing.assert_allclose(np.array(row["t"].split(), float) / 1000, after[0], atol=1e-6)
 
 
 @pytest.fixture(scope="module")
@@ -279,22 +418,46 @@ def test_a_video_and_a_box_in_its_first_frame(video, small, tmp_path, monkeypatc
         small, path, camera, tmp_path / "out", box=(80, 100, 60, 40), overlay=False, progress=False
     )
     np.testing.assert_array_equal([pose.box for pose in again], [pose.box for pose in poses])
-    monkeypatch.setattr(predict_module, "carry", None)  # nothing is left to track
-    assert (
-        len(
-            predict(
-                small,
-                path,
-                camera,
-                tmp_path / "out",
-                box=(80, 100, 60, 40),
-                smooth=0.1,
-                overlay=False,
-                progress=False,
-            )
-        )
-        == 12
+    monkeypatch.setattr(run, "tracker_after", None)  # nothing is left to track
+    poses = predict(
+        small,
+        path,
+        camera,
+        tmp_path / "out",
+        box=(80, 100, 60, 40),
+        smooth=0.1,
+        overlay=False,
+        progress=False,
     )
+    assert len(poses) == 12
+
+
+def test_a_folder_called_like_a_video_is_a_folder(footage, small, tmp_path):
+    images, camera, boxes, _ = footage
+    folder = shutil.copytree(images, tmp_path / "flight.mp4")
+    source = open_footage(folder)
+    assert not source.is_video and source.folder == folder and source.rate is None
+    before = source.digest()
+    (folder / "shot_0.jpg").write_bytes((folder / "shot_1.jpg").read_bytes())
+    assert source.digest() != before  # of its files, not of the folder
+    poses = predict(small, folder, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=False)
+    assert len(poses) == 7
+
+
+def test_a_bar_is_shown_in_a_terminal_only(footage, small, tmp_path, capsys, monkeypatch):
+    images, camera, boxes, _ = footage
+    given = []
+
+    def bar(frames, *arguments, disable, **more):
+        given.append(disable)
+        return tqdm(frames, *arguments, disable=disable, **more)
+
+    monkeypatch.setattr(run, "tqdm", bar)
+    for progress in (True, False):
+        predict(small, images, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=progress)
+    assert given == [None, True]
+    shown = capsys.readouterr()
+    assert shown.err == "" and shown.out == f"{tmp_path / 'out'}: 7 poses of 7 frames\n"
 
 
 def test_a_video_whose_header_counts_wrong(video, tmp_path):
@@ -320,34 +483,51 @@ def test_a_film_that_could_not_be_written_whole_is_told(video, small, tmp_path, 
             if self.room > 0:
                 self.writer.write(image)
 
+    predict(small, *video, tmp_path / "out", box=(80, 100, 60, 40), overlay=False, progress=False)
+    (tmp_path / "out" / "overlay.mp4").write_text("of an earlier run")
     monkeypatch.setattr(cv2, "VideoWriter", FullDisk)
     with pytest.raises(InputError, match="could not be written whole; is the disk full"):
         predict(small, *video, tmp_path / "out", box=(80, 100, 60, 40), progress=False)
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
-        "frames.csv",
-        "poses.csv",
-        "settings.json",
-        "trajectory.png",
-    ]
+    written = sorted(path.name for path in (tmp_path / "out").iterdir())
+    assert written == ["frames.csv", "overlay.mp4", "poses.csv", "settings.json", "trajectory.png"]
+    assert (tmp_path / "out" / "overlay.mp4").read_text() == "of an earlier run"
 
 
-def test_what_is_not_ours_is_left_alone(footage, small, tmp_path):
+@pytest.mark.parametrize(
+    "name, content",
+    [(SETTINGS, '{"theme": "dark"}'), (SETTINGS, "{"), (SETTINGS, "[]"), ("mine.tmp", "keep me")],
+)
+def test_what_is_not_ours_is_left_alone(footage, small, tmp_path, name, content):
     images, camera, boxes, _ = footage
-    for name, settings, journal in (
-        ("theirs", '{"theme": "dark"}', None), ("broken", "{", None), ("list", "[]", None), ("csv", None, "frame,x,y,w,h\n0,1,2,3,4\n"),
-    ):  # fmt: skip
-        out = tmp_path / name
-        if settings is None:
-            predict(small, images, camera, out, boxes=boxes, overlay=False, progress=False)
-        out.mkdir(exist_ok=True)
-        if settings:
-            (out / "settings.json").write_text(settings)
-        if journal:
-            (out / JOURNAL).write_text(journal)
-        before = {path.name: path.read_bytes() for path in out.iterdir()}
-        with pytest.raises(InputError, match="choose another folder"):
-            predict(small, images, camera, out, boxes=boxes, overlay=False, progress=False)
-        assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / name).write_text(content)
+    with pytest.raises(InputError, match="choose another folder"):
+        predict(small, images, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=False)
+    assert [path.name for path in (tmp_path / "out").iterdir()] == [name]
+    assert (tmp_path / "out" / name).read_text() == content
+
+
+def test_a_table_in_place_of_the_journal_is_left_alone(footage, small, tmp_path):
+    images, camera, boxes, _ = footage
+    out = tmp_path / "out"
+    predict(small, images, camera, out, boxes=boxes, overlay=False, progress=False)
+    (out / JOURNAL).write_text("frame,x,y,w,h\n0,1,2,3,4\n")
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    with pytest.raises(InputError, match="choose another folder"):
+        predict(small, images, camera, out, boxes=boxes, overlay=False, progress=False)
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+
+
+def test_what_a_kill_while_writing_left_behind_is_removed(footage, small, tmp_path):
+    images, camera, boxes, _ = footage
+    out = tmp_path / "out"
+    out.mkdir()
+    left = (".overlay.tmp.mp4", ".overlay.mp4.7.tmp.mp4", ".frames.csv.7.tmp.csv", ".settings.json.7.tmp")
+    for name in left:  # of this version and of older ones
+        (out / name).write_text("half")
+    predict(small, images, camera, out, boxes=boxes, overlay=False, progress=False)
+    written = sorted(path.name for path in out.iterdir())
+    assert written == ["frames.csv", "poses.csv", "settings.json", "trajectory.png"]
 
 
 def test_other_pictures_under_the_same_folder_are_another_footage(footage, small, tmp_path):
@@ -359,16 +539,16 @@ def test_other_pictures_under_the_same_folder_are_another_footage(footage, small
         predict(small, folder, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=False)
 
 
-def test_rows_that_cannot_be_read_are_made_again(footage, small, tmp_path):
+def test_rows_that_cannot_be_read_are_made_again(footage, small, names, tmp_path):
     images, camera, boxes, _ = footage
     whole = predict(small, images, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=False)
     journal = tmp_path / "out" / JOURNAL
     lines = journal.read_bytes().splitlines(keepends=True)
     cells = lines[3].split(b",")
-    for damaged in (3, 7):  # a number, the drone's name
-        row = b",".join([*cells[:damaged], b"\xff", *cells[damaged + 1 :]])
+    for column, value in ((3, b"\xff"), (7, b"\xff"), (7, b"Concorde")):  # a number, the drone's name
+        row = b",".join([*cells[:column], value, *cells[column + 1 :]])
         journal.write_bytes(b"".join([*lines[:3], row, *lines[4:]]))
-        assert len(read_journal(journal)) == 2
+        assert len(read_journal(journal, names)) == 2
         again = predict(small, images, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=False)
         np.testing.assert_allclose([pose.t for pose in again], [pose.t for pose in whole], atol=1e-5)
 
@@ -381,7 +561,10 @@ def test_two_processes_may_not_write_one_run(footage, small, tmp_path):
 
 
 def test_a_flight_of_the_data_set_is_footage(small, frames, tmp_path):
-    """Its own camera file, and the COCO file of the whole data set, in which every flight has a 000000.jpg."""
+    """With its own camera file, and the COCO file of the whole data set.
+
+    In that, every flight has a 000000.jpg.
+    """
     flight = frames.folders[4]
     poses = predict(
         small,
@@ -401,20 +584,20 @@ def test_a_flight_of_the_data_set_is_footage(small, frames, tmp_path):
 
 
 def test_coco_sets_of_several_videos(tmp_path):
-    """Frames of a video lie as in a folder of its name; ids may be long; an absolute name counts; a sliver of a box does not."""
+    """Frames of a video lie as in a folder of its name. Ids may be long. An absolute name counts, a sliver of
+    a box does not.
+    """
     ids = (-9223372036854775801, 18446744073709551611, 5.0, 7)
     names = ("v1/000000.jpg", "v2/000000.jpg", f"{tmp_path}/v2/000001.jpg", "v1/000001.jpg")
-    entries = [{"image_id": i, "bbox": [10 * n, 20, 30, 40]} for n, i in enumerate(ids, 1)] + [
-        {"image_id": ids[1], "bbox": [99.5, 20, 0.5, 40]}
-    ]
+    entries = [{"image_id": i, "bbox": [10 * n, 20, 30, 40]} for n, i in enumerate(ids, 1)]
+    entries.append({"image_id": ids[1], "bbox": [99.5, 20, 0.5, 40]})
     coco = {
         "images": [{"id": i, "file_name": name} for i, name in zip(ids, names, strict=True)],
         "annotations": entries,
     }
     (tmp_path / "coco.json").write_text(json.dumps(coco))
-    found = read_boxes(
-        tmp_path / "coco.json", ("000000", "000001"), 200, 100, Footage(tmp_path / "v2.mp4", (), None).folder
-    )
+    folder = Footage(tmp_path / "v2.mp4", (), None).folder
+    found = read_boxes(tmp_path / "coco.json", ("000000", "000001"), 200, 100, folder)
     assert {frame: box[0] for frame, box in found.items()} == {0: 20, 1: 30}
 
 
@@ -442,7 +625,11 @@ def test_one_image_from_the_command_line(footage, small, tmp_path, capsys, monke
     assert cv2.imread(str(tmp_path / "out" / "overlay.png")).shape == (1080, 1920, 3)
     assert main(command) == 2 and "either --boxes FILE or --box" in capsys.readouterr().err
     assert main([*command, "--box", "1,2,3"]) == 2 and "write x,y,w,h" in capsys.readouterr().err
-    monkeypatch.setattr("dronekeypp.cli._predict", lambda args: (_ for _ in ()).throw(KeyboardInterrupt))
+
+    def stopped(args):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("dronekeypp.cli._predict", stopped)
     assert main([*command, "--box", "1,2,3,4"]) == 130 and capsys.readouterr().err == "stopped\n"
 
 
@@ -500,19 +687,29 @@ def test_every_format_of_boxes_says_the_same(tmp_path):
 @pytest.mark.parametrize(
     "name, text, match",
     [
-        ("b.csv", "frame,x,y\n0,1,2\n", "the header needs frame, x, y, w, h"), ("b.csv", "frame,x,y,w,h\nz.jpg,1,2,3,4\n", "line 2: not a frame"),
+        ("b.csv", "frame,x,y\n0,1,2\n", "the header needs frame, x, y, w, h"),
+        ("b.csv", "frame,x,y,w,h\nz.jpg,1,2,3,4\n", "line 2: not a frame"),
         ("b.csv", "frame,x,y,w,h\n0,1,2,0,4\n", "line 2: a box needs .* above 0"),
         ("b.csv", "frame,x,y,w,h\n0,300,2,5,4\n", "outside the 200×100 frame"),
-        ("b.csv", "frame,x,y,w,h\n0,nan,2,5,4\n", "finite"), ("b.csv", "frame,x,y,w,h\n9,1,2,5,4\n", "no box for any of the 3 frames"),
-        ("b.txt", "1,2,three\n", "line 1: not numbers"), ("b.txt", "1,2,3\n", "a MOT line is"), ("b.txt", "0 0.5 0.5\n", "a YOLO line is"),
-        ("b.json", "{", "not valid JSON"), ("b.json", "{}", "neither a COCO list"),
-        ("b.txt", "0,7,10,20,30,40,0.9\n", "MOT counts from 1"), ("b.csv", "frame,x,y,w,h,score\n0,1,2,5,4,nan\n", "the score is nan"),
-        ("b.csv", "frame,x,y,w,h\n0,0.5,0.5,0.1,0.1\n", "shares of the frame"), ("b.csv", "frame,x,y,w,h\n-1,1,2,5,4\n", "frame -1; the first is"),
-        ("b.json", '[{"image_id": 1e999, "bbox": [1, 2, 3, 4]}]', "entry 0: needs image_id"), ("b.json", "[" * 100000, "not valid JSON"),
-        ("b.txt", "nan,1,2,3,4,5\n", "line 1: not finite"), ("b.json", '{"images": [1]}', "an image without id"),
-        ("b.json", '{"images": null, "annotations": null}', "neither a COCO list"), ("b.json", '[{"bbox": [1, 2, 3, 4]}]', "entry 0: needs image_id"),
+        ("b.csv", "frame,x,y,w,h\n0,nan,2,5,4\n", "finite"),
+        ("b.csv", "frame,x,y,w,h\n9,1,2,5,4\n", "no box for any of the 3 frames"),
+        ("b.txt", "1,2,three\n", "line 1: not numbers"),
+        ("b.txt", "1,2,3\n", "a MOT line is"),
+        ("b.txt", "0 0.5 0.5\n", "a YOLO line is"),
+        ("b.json", "{", "not valid JSON"),
+        ("b.json", "{}", "neither a COCO list"),
+        ("b.txt", "0,7,10,20,30,40,0.9\n", "MOT counts from 1"),
+        ("b.csv", "frame,x,y,w,h,score\n0,1,2,5,4,nan\n", "the score is nan"),
+        ("b.csv", "frame,x,y,w,h\n0,0.5,0.5,0.1,0.1\n", "shares of the frame"),
+        ("b.csv", "frame,x,y,w,h\n-1,1,2,5,4\n", "frame -1; the first is"),
+        ("b.json", '[{"image_id": 1e999, "bbox": [1, 2, 3, 4]}]', "entry 0: needs image_id"),
+        ("b.json", "[" * 100000, "not valid JSON"),
+        ("b.txt", "nan,1,2,3,4,5\n", "line 1: not finite"),
+        ("b.json", '{"images": [1]}', "an image without id"),
+        ("b.json", '{"images": null, "annotations": null}', "neither a COCO list"),
+        ("b.json", '[{"bbox": [1, 2, 3, 4]}]', "entry 0: needs image_id"),
     ],
-)  # fmt: skip
+)
 def test_bad_boxes(name, text, match, tmp_path):
     (tmp_path / name).write_text(text)
     with pytest.raises(InputError, match=match):
@@ -561,16 +758,32 @@ def test_a_distorted_frame_is_straightened():
 @pytest.mark.parametrize(
     "name, text, match",
     [
-        ("c.json", "{", "not valid JSON"), ("c.json", "[]", "holds no settings"), ("c.json", "{}", "holds no camera_matrix"),
-        ("c.json", '{"K": [[1, 0], [0, 1]]}', "3×3 numbers"), ("c.yml", "hello", "not a calibration"),
+        ("c.json", "{", "not valid JSON"),
+        ("c.json", "[]", "holds no settings"),
+        ("c.json", "{}", "holds no camera_matrix"),
+        ("c.json", '{"K": [[1, 0], [0, 1]]}', "3×3 numbers"),
+        ("c.yml", "hello", "not a calibration"),
         ("c.json", '{"K": [[5, 0, 1], [0, 5, 1], [0, 0, 1]], "fisheye_model": 1}', "a fisheye camera"),
         ("c.json", '{"K": [[-5, 0, 1], [0, 5, 1], [0, 0, 1]]}', "focal lengths must be positive"),
-        ("c.json", '{"K": [[5, 0, 1], [0, 5, 1], [0, 0, 1]], "dist_coeffs": [1, 2]}', "distortion has 2 numbers"),
-        ("c.json", '{"K": [[5, 0, 1], [0, 5, 1], [0, 0, 1]], "image_width": -32, "image_height": -24}', "must be positive"),
-        ("c.json", '{"K": [[5, 0, 1], [0, 5, 1], [0, 0, 1]], "image_width": 1e999, "image_height": 24}', "numbers"),
-        ("scene_camera.json", "{}", "not one camera for all"), ("scene_camera.json", '{"0": 1}', "3×3 numbers|no camera_matrix"),
+        (
+            "c.json",
+            '{"K": [[5, 0, 1], [0, 5, 1], [0, 0, 1]], "dist_coeffs": [1, 2]}',
+            "distortion has 2 numbers",
+        ),
+        (
+            "c.json",
+            '{"K": [[5, 0, 1], [0, 5, 1], [0, 0, 1]], "image_width": -32, "image_height": -24}',
+            "must be positive",
+        ),
+        (
+            "c.json",
+            '{"K": [[5, 0, 1], [0, 5, 1], [0, 0, 1]], "image_width": 1e999, "image_height": 24}',
+            "numbers",
+        ),
+        ("scene_camera.json", "{}", "not one camera for all"),
+        ("scene_camera.json", '{"0": 1}', "3×3 numbers|no camera_matrix"),
     ],
-)  # fmt: skip
+)
 def test_bad_cameras(name, text, match, tmp_path):
     (tmp_path / name).write_text(text)
     with pytest.raises(InputError, match=match):

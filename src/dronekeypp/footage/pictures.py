@@ -1,0 +1,142 @@
+"""The pictures of some footage, in order: the frames of a video, the images of a folder, or one image."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from dronekeypp.errors import InputError
+from dronekeypp.files import digest, natural_order
+
+IMAGES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
+VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".m4v", ".webm")
+
+
+@dataclass(frozen=True)
+class Footage:
+    """Frames in order.
+
+    Attributes:
+        path: the video, the folder of images, or the image.
+        names: one for each frame: the name of its file, or its number in a video ("000012").
+        rate: frames a second of a video. It is None for images, which do not say when they were taken.
+    """
+
+    path: Path
+    names: tuple[str, ...]
+    rate: float | None
+
+    @property
+    def is_video(self) -> bool:
+        """Whether it is a video file. A folder is none, whatever its name ends in."""
+        return self.path.suffix.lower() in VIDEOS and not self.path.is_dir()
+
+    @property
+    def folder(self) -> Path:
+        """Where its frames lie. Those of a video count as if they lay in a folder with its name."""
+        if self.is_video:
+            return self.path.with_suffix("")
+        return self.path if self.path.is_dir() else self.path.parent
+
+    def digest(self) -> str:
+        """What tells it from other footage at the same place: the names and sizes of its files."""
+        files = [self.path] if self.is_video else [self.folder / name for name in self.names]
+        lines = []
+        for file in files:
+            size = file.stat().st_size if file.is_file() else "missing"
+            lines.append(f"{file.name} {size}")
+        return digest(os.fsencode("\n".join(lines)))
+
+    def read(self, start: int = 0) -> Iterator[tuple[int, np.ndarray | None]]:
+        """The frames from number `start` on.
+
+        Yields:
+            (number, image (H, W, 3) uint8 RGB). The image is None where the frame cannot be read.
+        """
+        if self.is_video:
+            yield from self._read_video(start)
+            return
+        for number in range(start, len(self.names)):
+            yield number, read_picture(self.folder / self.names[number])
+
+    def _read_video(self, start: int) -> Iterator[tuple[int, np.ndarray | None]]:
+        video = cv2.VideoCapture(str(self.path))
+        try:
+            # From the first frame on: seeking in compressed video is not exact.
+            for number in range(len(self.names)):
+                readable = video.grab()
+                if number < start:
+                    continue
+                image = None
+                if readable:
+                    readable, image = video.retrieve()
+                yield number, cv2.cvtColor(image, cv2.COLOR_BGR2RGB) if readable else None
+        finally:
+            video.release()
+
+
+def read_picture(path: Path) -> np.ndarray | None:
+    """An image file as (H, W, 3) uint8 RGB, or None if it is missing or broken."""
+    try:
+        data = np.frombuffer(path.read_bytes(), np.uint8)
+    except OSError:
+        return None
+    image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    return None if image is None else cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+
+
+def open_footage(path: str | Path) -> Footage:
+    """Open a video, a folder of images (in the order of their names) or one image.
+
+    Raises:
+        InputError: the path does not exist, the folder holds no image, or the file is neither an image nor a
+            video.
+    """
+    path = Path(path)
+    if path.is_dir():
+        return Footage(path, _image_names(path), None)
+    if not path.is_file():
+        raise InputError(f"{path}: not found")
+    if path.suffix.lower() in IMAGES:
+        return Footage(path, (path.name,), None)
+    if path.suffix.lower() not in VIDEOS:
+        raise InputError(f"{path}: neither an image ({', '.join(IMAGES)}) nor a video ({', '.join(VIDEOS)})")
+    count, rate = _count_frames(path)
+    return Footage(path, tuple(f"{i:06d}" for i in range(count)), rate)
+
+
+def _image_names(folder: Path) -> tuple[str, ...]:
+    """The names of the images in a folder, in order."""
+    names = []
+    for path in folder.iterdir():
+        if path.suffix.lower() in IMAGES and not path.name.startswith("."):
+            names.append(path.name)
+    if not names:
+        raise InputError(f"{folder}: no image in this folder ({', '.join(IMAGES)})")
+    return tuple(sorted(names, key=natural_order))
+
+
+def _count_frames(path: Path) -> tuple[int, float | None]:
+    """The number of frames of a video, and its frames a second where it knows them."""
+    video = cv2.VideoCapture(str(path))
+    try:
+        promised = video.get(cv2.CAP_PROP_FRAME_COUNT)
+        rate = float(video.get(cv2.CAP_PROP_FPS))
+        count = 0
+        while video.grab():  # the header's count may be wrong
+            count += 1
+    finally:
+        video.release()
+    if count < 1:
+        raise InputError(f"{path}: cannot be opened as a video; is it whole?")
+    # A frame that is promised and cannot be read gets a row that says so. But a frame takes a byte at least,
+    # and Matroska promises no frames, only a duration.
+    counts_frames = path.suffix.lower() not in (".mkv", ".webm")
+    if counts_frames and count < promised < path.stat().st_size:
+        count = int(promised)
+    return count, rate if np.isfinite(rate) and rate > 0 else None

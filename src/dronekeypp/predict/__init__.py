@@ -1,0 +1,57 @@
+"""`python -m dronekeypp predict`: poses of a drone in your own footage.
+
+OUT holds
+    frames.csv      the journal, a row a frame, written as it goes; a killed run goes on after its last row
+    poses.csv       the poses in BOP's results format (scene_id, im_id, obj_id, score, R, t, time; millimetres
+                    there and only there); im_id counts the frames of the footage from 0, whatever their files
+                    are called, and obj_id is the network's class index plus 1
+    overlay.mp4     box, propellers, body axes, the drone's name and its distance, drawn on the footage (of
+                    one image: overlay.png)
+    trajectory.png  the path in space
+    settings.json   what the run was begun with; it goes on only with the same
+With `smooth`, poses.csv, overlay and trajectory hold the smoothed poses. The journal always holds the single
+frames'.
+"""
+
+from dronekeypp.predict.batches import mirror_doubt
+from dronekeypp.predict.journal import (
+    COLUMNS,
+    GOOD,
+    JOURNAL,
+    POSES,
+    SETTINGS,
+    Pose,
+    bop_results,
+    read_journal,
+    to_pose,
+)
+from dronekeypp.predict.overlay import (
+    PICTURE,
+    TRAJECTORY,
+    VIDEO,
+    draw_overlay,
+    draw_trajectory,
+    write_overlay,
+)
+from dronekeypp.predict.run import predict, smoothed
+
+__all__ = [
+    "COLUMNS",
+    "GOOD",
+    "JOURNAL",
+    "PICTURE",
+    "POSES",
+    "SETTINGS",
+    "TRAJECTORY",
+    "VIDEO",
+    "Pose",
+    "bop_results",
+    "draw_overlay",
+    "draw_trajectory",
+    "mirror_doubt",
+    "predict",
+    "read_journal",
+    "smoothed",
+    "to_pose",
+    "write_overlay",
+]

@@ -1,0 +1,191 @@
+"""The folder that a run writes to: its settings, its journal of frames, and the poses in BOP's format."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dronekeypp.classes import DroneClass, names_of
+from dronekeypp.errors import InputError
+from dronekeypp.files import digest, read_json, remove_unfinished, write_beside, write_json
+
+JOURNAL, POSES, SETTINGS = "frames.csv", "poses.csv", "settings.json"
+GOOD = "ok"  # the status of a frame with a pose; any other says why there is none
+
+BOX = ("box_x", "box_y", "box_w", "box_h")
+KEYPOINTS = ("kp0_x", "kp0_y", "kp1_x", "kp1_y", "kp2_x", "kp2_y", "kp3_x", "kp3_y")
+ROTATION = ("R00", "R01", "R02", "R10", "R11", "R12", "R20", "R21", "R22")
+TRANSLATION = ("tx", "ty", "tz")
+SIGMAS = ("turn_sigma_deg", "shift_sigma_m")
+COLUMNS = (
+    *("frame", "name", "status", *BOX, "drone", "score", "doubt_px"),
+    *(*KEYPOINTS, *ROTATION, *TRANSLATION, "seconds", *SIGMAS),
+)
+Row = dict[str, str]  # of the journal, by column; a column without a value is empty
+
+
+@dataclass(frozen=True)
+class Pose:
+    """What was found in one frame, in full-frame pixels and metres.
+
+    All is that of the undistorted frame, but for the box, which is the one that was given.
+
+    Attributes:
+        frame: the frame's number, from 0.
+        box: (4,) x, y, w, h in pixels.
+        drone: the class's name.
+        score: the class's probability.
+        doubt_px: by how many pixels the keypoints move when the crop is shown in a mirror (`mirror_doubt`).
+        keypoints: (4, 2) pixels.
+        R: (3, 3) camera←body.
+        t: (3,) metres, camera axes.
+        seconds: the network's time for this frame.
+        turn_sigma_deg, shift_sigma_m: the deviations that a network with pose="geometric" claims for R and t
+            (root of the trace); of any other NaN.
+    """
+
+    frame: int
+    box: np.ndarray
+    drone: str
+    score: float
+    doubt_px: float
+    keypoints: np.ndarray
+    R: np.ndarray
+    t: np.ndarray
+    seconds: float
+    turn_sigma_deg: float
+    shift_sigma_m: float
+
+
+def boxes_digest(path: str | Path) -> str:
+    """The digest of a file of boxes, or of every .txt in a folder. Raises InputError if there is none."""
+    path = Path(path)
+    files = sorted(path.glob("*.txt")) if path.is_dir() else [path]
+    content = b""
+    for file in files:
+        if not file.is_file():
+            raise InputError(f"{path}: boxes not found")
+        content += file.name.encode() + file.read_bytes()
+    return digest(content)
+
+
+def check_folder(out: Path) -> dict[str, Any]:
+    """The settings of the run in the folder `out`, or {} of an empty folder.
+
+    Raises:
+        InputError: the folder holds anything else: then we may not write to it.
+    """
+    settings = read_json(out / SETTINGS, mend="choose another folder") if (out / SETTINGS).is_file() else {}
+    if isinstance(settings, dict) and {"checkpoint", "footage"} <= settings.keys():
+        return settings
+    for path in out.iterdir():
+        unfinished = path.name == ".lock" or path.match(".*.tmp*")
+        if not unfinished:
+            raise InputError(f"{out} is not empty and not a run of predict: choose another folder")
+    return {}
+
+
+def begin(out: Path, settings: dict[str, Any], drones: Sequence[DroneClass]) -> int:
+    """Take up the run in `out`, or begin one: write the settings, and the journal as far as it is whole.
+
+    Returns:
+        The number of frames in the journal.
+
+    Raises:
+        InputError: the run was begun with other settings, or the folder holds something else.
+    """
+    old = check_folder(out)
+    remove_unfinished(out)
+    rows = read_journal(out / JOURNAL, names_of(drones)) if (out / JOURNAL).is_file() else []
+    for name, value in settings.items():
+        if name == "drones" and name not in old:  # an older run did not write down the network's drones
+            continue
+        if rows and old.get(name) != value:
+            raise InputError(f"{out} was begun with another {name}; choose another folder, or remove it")
+    write_json(out / SETTINGS, settings, indent=1)
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    write_beside(out / JOURNAL, text.getvalue().encode(errors="surrogateescape"))
+    return len(rows)
+
+
+def read_journal(path: Path, drones: Sequence[str]) -> list[Row]:
+    """The rows of a journal as far as they are whole, in order and can be read.
+
+    Args:
+        drones: the names of the network's drones. A row with another name ends the journal.
+
+    Raises:
+        InputError: the file is not a journal.
+    """
+    with open(path, newline="", encoding="utf-8", errors="surrogateescape") as file:
+        text = file.read()
+    table = csv.DictReader(io.StringIO(text[: text.rfind("\n") + 1]))
+    if tuple(table.fieldnames or COLUMNS) != COLUMNS:
+        raise InputError(f"{path} is not a journal of predict: choose another folder")
+    rows: list[Row] = []
+    try:
+        for row in table:
+            complete = None not in row and None not in row.values()
+            if not complete or row["frame"] != str(len(rows)):
+                break
+            pose = to_pose(row)
+            if pose and pose.drone not in drones:
+                break
+            rows.append(row)
+    except (ValueError, csv.Error):
+        pass  # what cannot be read is done again
+    return rows
+
+
+def to_pose(row: Row) -> Pose | None:
+    """A row of the journal as numbers, or None where the frame has no pose.
+
+    Raises:
+        ValueError: a number cannot be read.
+    """
+    if row["status"] != GOOD:
+        return None
+
+    def numbers(columns: Sequence[str]) -> np.ndarray:
+        return np.array([float(row[column]) for column in columns])
+
+    return Pose(
+        frame=int(row["frame"]),
+        box=numbers(BOX),
+        drone=row["drone"],
+        score=float(row["score"]),
+        doubt_px=float(row["doubt_px"]),
+        keypoints=numbers(KEYPOINTS).reshape(4, 2),
+        R=numbers(ROTATION).reshape(3, 3),
+        t=numbers(TRANSLATION),
+        seconds=float(row["seconds"]),
+        turn_sigma_deg=float(row["turn_sigma_deg"] or "nan"),
+        shift_sigma_m=float(row["shift_sigma_m"] or "nan"),
+    )
+
+
+def bop_results(poses: Sequence[Pose], drones: Sequence[DroneClass]) -> str:
+    """The CSV that BOP's toolkit reads: R row by row, t in millimetres, time in seconds.
+
+    The scene is 0, and images have the footage's frame numbers. The object's number is the class index + 1.
+    """
+    names = names_of(drones)
+    lines = ["scene_id,im_id,obj_id,score,R,t,time"]
+    for pose in poses:
+        obj_id = names.index(pose.drone) + 1
+        R, t = _numbers_text(pose.R), _numbers_text(1000 * pose.t)
+        lines.append(f"0,{pose.frame},{obj_id},{pose.score:.4f},{R},{t},{pose.seconds:.5f}")
+    return "\n".join(lines) + "\n"
+
+
+def _numbers_text(values: np.ndarray) -> str:
+    return " ".join(f"{value:.6f}" for value in values.ravel())

@@ -1,0 +1,189 @@
+"""The run itself: read the inputs, ask the network batch by batch, and write what it answers."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from dronekeypp.checkpoint import weights_file
+from dronekeypp.classes import names_of
+from dronekeypp.errors import InputError
+from dronekeypp.files import digest, lock_folder, write_beside
+from dronekeypp.footage import Footage, Tracker, check_box, open_footage, read_boxes, read_camera
+from dronekeypp.predict.batches import load_network, predicted
+from dronekeypp.predict.journal import (
+    COLUMNS,
+    JOURNAL,
+    POSES,
+    Pose,
+    Row,
+    begin,
+    bop_results,
+    boxes_digest,
+    check_folder,
+    read_journal,
+    to_pose,
+)
+from dronekeypp.predict.overlay import TRAJECTORY, draw_trajectory, write_overlay
+from dronekeypp.sequences import gaussian
+
+
+def predict(
+    checkpoint: str | Path,
+    footage: str | Path,
+    camera: str | Path,
+    out: str | Path,
+    boxes: str | Path | None = None,
+    box: tuple[float, float, float, float] | None = None,
+    smooth: float = 0.0,
+    overlay: bool = True,
+    progress: bool = True,
+    rate: float = 30.0,
+) -> list[Pose]:
+    """Find the pose of the drone in every frame that has a box. The package says what is written to `out`.
+
+    Args:
+        checkpoint: a folder of `save_pretrained`, a run folder, of which best/ is taken, or an ONNX file of
+            `export`.
+        footage: a video, a folder of images, one image.
+        camera: see `footage.read_camera`.
+        out: the folder to write to. A run that was begun in it goes on.
+        boxes: see `footage.read_boxes`.
+        box: (x, y, w, h) in the first frame, carried on by a tracker, where there are no `boxes`.
+        smooth: sigma of a Gaussian over the poses, seconds (at least 0.001); 0 leaves them as they are.
+        overlay: whether to draw the poses on the footage.
+        progress: whether to print what was done, and to show a bar in a terminal.
+        rate: frames a second of a folder of images; a video knows its own.
+
+    Raises:
+        InputError: an input that cannot be read, or `out` was begun with other inputs. A broken frame is no
+            error: it gets a row that says so.
+    """
+    if not (np.isfinite(rate) and rate > 0):
+        raise InputError(f"--rate {rate}: frames a second, above 0")
+    if not (smooth == 0 or (np.isfinite(smooth) and smooth >= 1e-3)):
+        raise InputError(f"--smooth {smooth}: seconds, at least 0.001, or 0 for none")
+    source, calibration = open_footage(footage), read_camera(camera)
+    rate = source.rate or rate
+    if (boxes is None) == (box is None):
+        raise InputError("give either --boxes FILE or --box x,y,w,h of the drone in the first frame")
+    network = load_network(checkpoint)
+    settings = {
+        "checkpoint": digest(weights_file(checkpoint).read_bytes()),
+        "camera": digest(Path(camera).read_bytes()),
+        "footage": [str(source.path.resolve()), len(source.names), source.digest()],
+        "boxes": boxes_digest(boxes) if boxes is not None else [float(value) for value in box],
+        "drones": {drone.name: drone.digest for drone in network.drones},
+    }
+    width, height = _frame_size(source)
+    calibration = calibration.for_frames(width, height)
+    given, first_box = None, None
+    if boxes is not None:
+        given = read_boxes(boxes, source.names, width, height, source.folder)
+    else:
+        first_box = check_box(box, width, height, "--box")
+    out = Path(out)
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out} is a file, not a folder")
+    out.mkdir(parents=True, exist_ok=True)
+    check_folder(out)
+    with lock_folder(out):
+        start = begin(out, settings, network.drones)
+        tracker = None
+        if first_box is not None and start < len(source.names):
+            tracker = tracker_after(source, first_box, start, (width, height))
+        hidden = None if progress else True  # None: shown in a terminal only
+        frames = tqdm(
+            source.read(start), "predict", len(source.names), initial=start, disable=hidden, leave=False
+        )
+        batches = predicted(network, calibration, (width, height), frames, given, tracker)
+        append_to_journal(out / JOURNAL, batches, source.names)
+        rows = read_journal(out / JOURNAL, names_of(network.drones))
+        poses = _poses(rows, source, out / JOURNAL)
+        if smooth > 0:
+            poses = smoothed(poses, smooth, rate)
+        write_beside(out / POSES, bop_results(poses, network.drones).encode())
+        write_beside(out / TRAJECTORY, draw_trajectory(poses))
+        if overlay:
+            pose_of = {pose.frame: pose for pose in poses}
+            write_overlay(out, source, calibration, pose_of, network.drones, rate)
+    if progress:
+        skipped = len(rows) - len(poses)
+        note = f"; {skipped} without one, see {JOURNAL}" if skipped else ""
+        print(f"{out}: {len(poses)} poses of {len(rows)} frames{note}")
+    return poses
+
+
+def _frame_size(source: Footage) -> tuple[int, int]:
+    """Width and height of the first frame that can be read. Raises InputError if there is none."""
+    for _, image in source.read():
+        if image is not None:
+            return image.shape[1], image.shape[0]
+    raise InputError(f"{source.path}: not one frame can be read")
+
+
+def tracker_after(source: Footage, box: np.ndarray, frames: int, size: tuple[int, int]) -> Tracker:
+    """A tracker from the first frame's box, led through the `frames` that are done.
+
+    So after a kill it is where it was. `size` is the frames' width and height.
+    """
+    tracker = Tracker(box)
+    if frames == 0:
+        return tracker
+    for number, image in source.read():
+        if number == frames:
+            break
+        if image is not None and image.shape[1::-1] == size:
+            tracker.follow(image)
+    return tracker
+
+
+def append_to_journal(path: Path, batches: Iterable[list[Row]], names: Sequence[str]) -> None:
+    """Write the rows of each batch as soon as they come. `names`: those of all frames."""
+    with open(path, "a", newline="", encoding="utf-8", errors="surrogateescape") as file:
+        journal = csv.DictWriter(file, COLUMNS, restval="", lineterminator="\n")
+        for rows in batches:
+            for row in rows:
+                journal.writerow({**row, "name": names[int(row["frame"])]})
+            file.flush()
+
+
+def _poses(rows: list[Row], source: Footage, journal: Path) -> list[Pose]:
+    """The poses of a finished journal. Raises InputError if it is not finished or has none."""
+    if len(rows) != len(source.names):
+        raise InputError(f"{journal} holds {len(rows)} of {len(source.names)} frames; run again")
+    poses = []
+    for row in rows:
+        pose = to_pose(row)
+        if pose is not None:
+            poses.append(pose)
+    if not poses:
+        raise InputError(f"no frame of {source.path} has a pose; {journal} says why: {rows[0]['status']}")
+    return poses
+
+
+def smoothed(poses: Sequence[Pose], sigma: float, rate: float) -> list[Pose]:
+    """The poses smoothed by `sequences.gaussian`. A frame counts as much as the network trusts it.
+
+    Its trust follows from the deviations that it claims, or, where it claims none, from its mirror doubt.
+
+    Args:
+        sigma: of the Gaussian, seconds. rate: frames a second.
+    """
+    claims = np.array([(pose.turn_sigma_deg, pose.shift_sigma_m) for pose in poses])  # (F, 2)
+    if np.isfinite(claims).all():
+        weights = 1 / np.square(claims)
+    else:
+        # In boxes: a near drone is large, not doubtful.
+        doubt = np.array([pose.doubt_px / max(pose.box[2:]) for pose in poses])  # (F,)
+        weights = 1 / (1 + np.square(doubt / max(np.median(doubt), 1e-6)))
+    R = np.stack([pose.R for pose in poses])
+    t = np.stack([pose.t for pose in poses])
+    times = np.array([pose.frame / rate for pose in poses])
+    R, t = gaussian(R, t, times, sigma, weights)
+    return [replace(pose, R=R[i], t=t[i]) for i, pose in enumerate(poses)]
