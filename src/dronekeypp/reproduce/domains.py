@@ -1,86 +1,104 @@
-"""The domain table: trained {before drawn environments, before photographs} × tested {the same two}.
+"""The domain table: trained before drawn environments or photographs, and tested before each of them.
 
-The paper puts its drones before 360° photographs and says they close the gap to reality. This measures what the background alone does:
-drones, flights, cameras and budget are the same, and photographs are split by panorama, as the drawn environments are.
+The paper puts its drones before 360° photographs and says they close the gap to reality. This measures what
+the background alone does: drones, flights, cameras and budget are the same, and photographs are split by
+panorama, as the drawn environments are.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from pathlib import Path
 from typing import Any
 
 from dronekeypp.environments.cache import environment_files
 from dronekeypp.errors import InputError
-from dronekeypp.files import write_beside
-from dronekeypp.reproduce.runner import Bench, Run, describe, result, rows_and_averages, write_result
-from dronekeypp.reproduce.tables import average, interval, methods, percent
+from dronekeypp.reproduce.protocol import Job, Part, Table
+from dronekeypp.reproduce.results import describe, rows_and_averages
+from dronekeypp.reproduce.runner import Bench, Run
+from dronekeypp.reproduce.tables import average, interval, line, methods, percent
 
 DOMAINS = ("drawn", "photographs")
 RUN = Run("DroneKey++")  # the one of Table 3: trained before drawn environments it is the same run
+LEAST = 6  # photographs: with fewer, the splits would share them
 
 
-def reproduce(bench: Bench, photographs: Path, seeds: int = 1) -> dict[str, Any]:
-    """Train and measure whatever of the four cells is missing. Returns the recorded result.
+def benches(bench: Bench) -> dict[str, Bench]:
+    """The bench of each of DOMAINS: the one given, and one whose data have photographed backgrounds.
 
     Raises:
-        InputError: `photographs` is no folder of at least six equirectangular images (with fewer the splits would share them).
+        InputError: the bench names no folder of photographs, or it holds fewer than six equirectangular ones.
     """
-    if len(environment_files(photographs)) < 6:
-        raise InputError(f"{photographs}: a split by panorama needs six images or more")
-    other = dataclasses.replace(
+    if bench.photographs is None:
+        raise InputError(
+            "reproduce domains needs --photographs DIR: "
+            "a folder of 360° panoramas (2:1 equirectangular), six or more"
+        )
+    if len(environment_files(bench.photographs)) < LEAST:
+        raise InputError(f"{bench.photographs}: a split by panorama needs six images or more")
+    photographed = dataclasses.replace(
         bench,
         data=bench.data.with_name(bench.data.name + "-photographs"),
-        environments=photographs,
+        environments=bench.photographs,
         group=bench.group + "-photographs",
     )
-    benches = dict(zip(DOMAINS, (bench, other), strict=True))
-    for each in benches.values():
-        each.render()
-    rows, means, stories = [], [], []
-    for seed in range(seeds):
-        for trained, source in benches.items():
-            for tested, target in benches.items():
-                frames = source.measure(RUN, seed, name=f"test-{tested}", data=target.data)[None]
-                labels = {
-                    "method": RUN.method,
-                    "variant": f"trained {trained}, tested {tested}",
-                    "seed": seed,
-                }
-                found = rows_and_averages(frames, **labels)
-                rows += found[0]
-                means += found[1]
-            stories.append({**source.story(RUN, seed), "trained": trained})
-            recorded = result(
-                "domains",
-                bench,
-                stories,
-                datasets={d: describe(b.data) for d, b in benches.items()},
-                rows=rows,
-                averages=means,
-            )
-            write_result(bench.root, recorded)
-            (bench.root / "figures").mkdir(exist_ok=True)
-            write_beside(bench.root / "figures" / "domains.md", markdown(recorded).encode())
-    return recorded
+    return {"drawn": bench, "photographs": photographed}
+
+
+class Domains(Table):
+    """The four cells, with one seed unless told otherwise."""
+
+    name = "domains"
+    full_budget = True
+
+    def prepare(self, bench: Bench) -> None:
+        """Render both data sets. Raises InputError as `benches` does."""
+        self.benches = benches(bench)
+        for domain in self.benches.values():
+            domain.render()
+
+    def jobs(self, bench: Bench, seeds: int | None) -> list[Job]:
+        jobs = []
+        for seed in range(seeds or 1):
+            for name, domain in self.benches.items():
+                jobs.append(Job(domain, RUN, seed, label=name))
+        return jobs
+
+    def measure(self, job: Job) -> Part:
+        """One training, tested before both: {"run", "rows", "averages"}."""
+        part: Part = {"rows": [], "averages": []}
+        for tested, target in self.benches.items():
+            frames = job.bench.measure(job.run, job.seed, name=f"test-{tested}", data=target.data)[None]
+            variant = f"trained {job.label}, tested {tested}"
+            labels = {"method": job.run.method, "variant": variant, "seed": job.seed}
+            measured = rows_and_averages(frames, target.names, **labels)
+            part["rows"] += measured["rows"]
+            part["averages"] += measured["averages"]
+        part["run"] = {**job.bench.training_record(job.run, job.seed), "trained": job.label}
+        return part
+
+    def details(self, bench: Bench) -> dict[str, Any]:
+        return {"datasets": {name: describe(domain.data) for name, domain in self.benches.items()}}
+
+    def markdown(self, recorded: dict[str, Any]) -> str:
+        return markdown(recorded)
 
 
 def markdown(recorded: dict[str, Any]) -> str:
     """One line a cell, with 95 % intervals over the 14 sequences."""
     lines = [
-        "# What a background is worth: DroneKey++ trained and tested before drawn and photographed environments",
+        "# What a background is worth: DroneKey++ trained and tested before drawn and photographed "
+        "environments",
         "",
-        "| trained | tested | R MAE (deg) | R MedAE (deg) | t MAE (m) | t MedAE (m) | class | keypoints (px) |",
+        "| trained | tested | R MAE (deg) | R MedAE (deg) | t MAE (m) | t MedAE (m) | class "
+        "| keypoints (px) |",
         "|---|---|---:|---:|---:|---:|---:|---:|",
     ]
     for method, variant in methods(recorded):
         row = average(recorded, method, variant)
-        trained, tested = (part.split()[1] for part in variant.split(", "))
-        cells = [
-            interval(row, key, digits)
-            for key, digits in (("R_mae_deg", 2), ("R_medae_deg", 2), ("t_mae_m", 3), ("t_medae_m", 3))
-        ]
-        lines.append(
-            f"| {trained} | {tested} | {' | '.join(cells)} | {percent(row['class_accuracy'])} | {row['keypoint_px']:.1f} |"
-        )
+        trained, tested = [part.split()[1] for part in variant.split(", ")]
+        shown = [trained, tested]
+        for key, digits in (("R_mae_deg", 2), ("R_medae_deg", 2), ("t_mae_m", 3), ("t_medae_m", 3)):
+            shown.append(interval(row, key, digits))
+        shown += [percent(row["class_accuracy"]), f"{row['keypoint_px']:.1f}"]
+        lines.append(line(shown))
     return "\n".join(lines) + "\n"

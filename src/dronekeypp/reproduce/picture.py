@@ -11,43 +11,32 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from dronekeypp import checkpoint
+from dronekeypp.classes import DroneClass
+from dronekeypp.data import FrameDataset, open_dataset
 from dronekeypp.footage import Calibration, read_camera, read_picture
 from dronekeypp.predict import Pose, draw_overlay, predict
-from dronekeypp.sixdronesyn.bop import image_path
-from dronekeypp.sixdronesyn.dataset import SixDroneSyn
-from dronekeypp.sixdronesyn.drones import SEVEN
 from dronekeypp.sixdronesyn.scenes import HEIGHT
 
 TILE = 480, 320  # pixels, width and height
 COLUMNS = 4
+BORDER = 3  # pixels of white around a tile
 
 
 def sheet(samples: Path) -> bytes:
-    """A JPEG of one whole frame and seven looks at a drone each, with box, propellers, axes, name and distance. `samples`: data_samples.
+    """A JPEG of one whole frame and a look at each of the seven drones.
+
+    They are drawn with box, propellers, axes, name and distance. `samples` is the folder data_samples.
 
     Raises:
         InputError: the checkpoint or the frames are missing.
     """
-    frames = SixDroneSyn(samples / "frames", "test")
-    nearest = [
-        max(
-            (i for i, f in enumerate(frames.frames) if f.obj_id == n + 1),
-            key=lambda i: frames.frames[i].box[2],
-        )
-        for n in range(len(SEVEN))
-    ]
+    dataset = open_dataset(samples / "frames", "test")
+    nearest = nearest_frames(dataset)
+    camera = dataset.folders[nearest[0]] / "scene_camera.json"
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
-        (root / "images").mkdir()
-        with open(root / "boxes.csv", "w", newline="") as file:
-            rows = csv.writer(file)
-            rows.writerow(("frame", "x", "y", "w", "h"))
-            for n, i in enumerate(nearest):
-                shutil.copy(
-                    image_path(frames.folders[i], frames.frames[i].number), root / "images" / f"{n}.jpg"
-                )
-                rows.writerow((f"{n}.jpg", *frames.frames[i].box))
-        camera = frames.folders[nearest[0]] / "scene_camera.json"
+        copy_frames(dataset, nearest, root)
         poses = predict(
             samples / "beyond",
             root / "images",
@@ -59,41 +48,76 @@ def sheet(samples: Path) -> bytes:
         )
         images = [read_picture(root / "images" / f"{pose.frame}.jpg") for pose in poses]
     calibration = read_camera(camera)
-    tiles = [tile(images[-1], poses[-1], calibration, (0, 0, HEIGHT * TILE[0] / TILE[1]))]
-    tiles += [
-        tile(image, pose, calibration, near_the_drone(pose))
-        for image, pose in zip(images, poses, strict=True)
-    ]
-    tiles = [np.pad(one, ((3, 3), (3, 3), (0, 0)), constant_values=255) for one in tiles]
-    rows = [np.concatenate(tiles[i : i + COLUMNS], axis=1) for i in range(0, len(tiles), COLUMNS)]
-    return cv2.imencode(".jpg", np.concatenate(rows)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 92])[1].tobytes()
+    drones = {drone.name: drone for drone in checkpoint.load(samples / "beyond").drones}
+    whole = (0, 0, HEIGHT * TILE[0] / TILE[1])
+    tiles = [tile(images[-1], poses[-1], calibration, whole, drones[poses[-1].drone])]
+    for image, pose in zip(images, poses, strict=True):
+        tiles.append(tile(image, pose, calibration, near_the_drone(pose), drones[pose.drone]))
+    around = ((BORDER, BORDER), (BORDER, BORDER), (0, 0))
+    tiles = [np.pad(picture, around, constant_values=255) for picture in tiles]
+    rows = []
+    for start in range(0, len(tiles), COLUMNS):
+        rows.append(np.concatenate(tiles[start : start + COLUMNS], axis=1))
+    picture = np.concatenate(rows)[..., ::-1]  # RGB -> BGR
+    return cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 92])[1].tobytes()
+
+
+def nearest_frames(dataset: FrameDataset) -> list[int]:
+    """For each drone the index of the frame in which its box is widest."""
+    nearest: dict[int, int] = {}
+    for i, label in enumerate(dataset.labels):
+        width = dataset.frames[i].box[2]
+        if label not in nearest or width > dataset.frames[nearest[label]].box[2]:
+            nearest[label] = i
+    return [nearest[label] for label in sorted(nearest)]
+
+
+def copy_frames(dataset: FrameDataset, chosen: list[int], folder: Path) -> None:
+    """Write the chosen frames as FOLDER/images/0.jpg, 1.jpg, … and their boxes as FOLDER/boxes.csv."""
+    (folder / "images").mkdir()
+    with open(folder / "boxes.csv", "w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(("frame", "x", "y", "w", "h"))
+        for number, i in enumerate(chosen):
+            shutil.copy(dataset.images[i], folder / "images" / f"{number}.jpg")
+            rows.writerow((f"{number}.jpg", *dataset.frames[i].box))
 
 
 def near_the_drone(pose: Pose) -> tuple[float, float, float]:
     """Left, top and width of a part of the frame around its drone, pixels."""
     x, y, w, h = pose.box
-    wide = 1.7 * max(w, h * TILE[0] / TILE[1])
-    return x + w / 2 - wide / 2, y + h / 2 - wide * TILE[1] / TILE[0] / 2, wide
+    width = 1.7 * max(w, h * TILE[0] / TILE[1])
+    height = width * TILE[1] / TILE[0]
+    return x + w / 2 - width / 2, y + h / 2 - height / 2, width
 
 
 def tile(
-    image: np.ndarray, pose: Pose, calibration: Calibration, part: tuple[float, float, float]
+    image: np.ndarray,
+    pose: Pose,
+    calibration: Calibration,
+    part: tuple[float, float, float],
+    drone: DroneClass,
 ) -> np.ndarray:
-    """A part of a frame (left, top, width; moved inside it), enlarged to TILE, and drawn upon at that size."""
-    left, top, wide = part
-    high = wide * TILE[1] / TILE[0]
-    left, top = int(np.clip(left, 0, image.shape[1] - wide)), int(np.clip(top, 0, image.shape[0] - high))
-    picture = image[top : top + round(high), left : left + round(wide)]
+    """A part of a frame, enlarged to TILE and drawn upon at that size: (320, 480, 3) uint8.
+
+    Args:
+        image: (H, W, 3) the whole frame.
+        pose: of the drone in it.
+        calibration: of the camera.
+        part: left, top and width in pixels; it is moved inside the frame.
+        drone: the class that the pose names.
+    """
+    left, top, width = part
+    height = width * TILE[1] / TILE[0]
+    left = int(np.clip(left, 0, image.shape[1] - width))
+    top = int(np.clip(top, 0, image.shape[0] - height))
+    picture = image[top : top + round(height), left : left + round(width)]
     scale = np.array(TILE) / picture.shape[1::-1]
     picture = cv2.resize(picture, TILE, interpolation=cv2.INTER_AREA if scale[0] < 1 else cv2.INTER_CUBIC)
-    corner = (pose.box[:2] - (left, top)) * scale
-    seen = dataclasses.replace(
+    moved = dataclasses.replace(
         pose,
-        box=np.concatenate([corner, pose.box[2:] * scale]),
+        box=np.concatenate([(pose.box[:2] - (left, top)) * scale, pose.box[2:] * scale]),
         keypoints=(pose.keypoints - (left, top)) * scale,
     )
-    return draw_overlay(
-        picture,
-        seen,
-        Calibration(np.diag([*scale, 1.0]) @ (calibration.K - [[0, 0, left], [0, 0, top], [0, 0, 0]])),
-    )
+    K = np.diag([*scale, 1.0]) @ (calibration.K - [[0, 0, left], [0, 0, top], [0, 0, 0]])
+    return draw_overlay(picture, moved, Calibration(K), drone)

@@ -1,40 +1,36 @@
-"""The one runner behind every table: render what is missing, train what is missing, measure, write what there is. Kill it at any point.
+"""The trainings behind every table: rendered data, one folder a training, and its errors on every test frame.
 
-A table is a list of `Run`s. Each has a folder of its own under ROOT/runs/, trained by the same `fit` at the same budget; its errors on
-every test frame lie beside as test-*.npz. Whoever calls again goes on where the last call stopped.
+Each `Run` has a folder of its own under ROOT/runs/, trained by the same loop at the same budget. Its errors
+on every test frame lie beside it as test-*.npz. Everything may be killed at any point: whoever calls again
+goes on where the last call stopped.
 """
 
 from __future__ import annotations
 
 import csv
-import io
-import json
-import os
-import platform
 import sys
-import zipfile
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from tqdm import tqdm
 
-from dronekeypp import __version__
-from dronekeypp.baselines import NETWORKS, network_class
+from dronekeypp import checkpoint, presets
+from dronekeypp.checkpoint import WEIGHTS
+from dronekeypp.classes import DroneClass, names_of
+from dronekeypp.data import FrameDataset, open_dataset
 from dronekeypp.errors import InputError
-from dronekeypp.evaluate import FORMAT, averages, evaluate, json_values, summarise
-from dronekeypp.files import command_line, digest, write_beside
-from dronekeypp.model import ModelConfig
-from dronekeypp.model.base import WEIGHTS
+from dronekeypp.evaluate import evaluate
+from dronekeypp.evaluate.statistics import Frames
+from dronekeypp.files import read_json, write_beside
+from dronekeypp.model import DroneKeyPP, PoseNetwork
 from dronekeypp.presets import TrainConfig
-from dronekeypp.presets import preset as find_preset
-from dronekeypp.sixdronesyn.bop import read_json
-from dronekeypp.sixdronesyn.dataset import SixDroneSyn
-from dronekeypp.sixdronesyn.drones import DRONES
-from dronekeypp.sixdronesyn.scenes import count_frames, frame_numbers, subsequences
+from dronekeypp.reproduce.results import describe, hardware, read_npz, source_digest, write_npz
+from dronekeypp.settings import Settings
+from dronekeypp.sixdronesyn import bop, folders
+from dronekeypp.sixdronesyn.scenes import count_frames
 from dronekeypp.train import (
     BEST,
     CONFIG,
@@ -46,30 +42,45 @@ from dronekeypp.train import (
     weights_digest,
 )
 
-PAPER = json.loads(
-    (Path(__file__).parent / "paper.json").read_text(encoding="utf-8")
-)  # every number the paper prints, by table and row
 HARDWARE = "hardware.txt"  # in a run's folder: what it was trained on
 
 
 @dataclass(frozen=True)
 class Run:
-    """One training: a method, a variant of it (None: as it is), and the settings in which it differs from the preset.
+    """One training: a method, a variant of it, and the settings in which it differs from the preset.
 
-    `without` names a drone that is left out of training and validation.
+    Args:
+        method: its name, one of `checkpoint.METHODS`.
+        variant: the name of the variant; None is the method as it is.
+        changes: settings in which it differs from the preset.
+        without: the name of a drone that is left out of training and validation.
+        hypotheses: of a method with PnP, the readings of its two poses; each is a row of its own.
     """
 
     method: str
     variant: str | None = None
     changes: dict[str, Any] = field(default_factory=dict)
     without: str | None = None
-    hypotheses: tuple[str, ...] = ()  # PnP only: the readings of its two poses, each a row of its own
+    hypotheses: tuple[str, ...] = ()
 
     @property
     def slug(self) -> str:
-        """Its folder's name."""
+        """The name of its folder."""
         text = f"{self.method} {self.variant or ''}".strip().lower().replace("++", "pp")
         return "".join(c if c.isalnum() else "-" for c in text)
+
+    @property
+    def network(self) -> type[PoseNetwork]:
+        """The class of its network. A detector of another library takes the settings of DroneKey++."""
+        if self.method in checkpoint.METHODS:
+            return checkpoint.network_class(self.method)
+        return DroneKeyPP
+
+    def row_name(self, hypothesis: str | None) -> str | None:
+        """The variant's name in a table. A PnP that takes the upright pose is a variant of its own."""
+        if hypothesis != "upright":
+            return self.variant
+        return f"{self.variant}, upright" if self.variant else "upright"
 
 
 @dataclass
@@ -77,11 +88,19 @@ class Bench:
     """Where things lie, and at what budget they are made.
 
     Args:
-        root: runs/ and, unless told otherwise, data/ are made below it; results and figures go to data_samples/results and figures/.
-        preset, budget: every run starts from this preset with these changes; the method's own `defaults` and `Run.changes` come on top.
-        data: the data set; missing flights are rendered. stride, environments, workers: of that rendering.
-        photographs, real: folders of 360° panoramas and of real drone frames, for what is measured on them.
-        group: folder below runs/; runs of the same name in the same group are the same run.
+        root: runs/ and, unless told otherwise, data/ are made below it. Results go to data_samples/results
+            and tables to figures/ below it.
+        preset: the preset that every run starts from.
+        budget: changes to the preset, the same for all runs. A run leaves out those that its method does not
+            use. The method's own `defaults` and `Run.changes` come on top.
+        group: a folder below runs/. Runs of the same name in the same group are the same run.
+        data: the data set; missing flights are rendered.
+        stride: keep every stride-th frame when rendering.
+        environments: the folder of the backgrounds to render; None takes the drawn ones.
+        photographs: a folder of 360° panoramas, for what is measured on them.
+        real: a folder of real drone frames, for what is measured on them.
+        workers: processes that render.
+        progress: whether to print what is being done.
     """
 
     root: Path
@@ -96,29 +115,34 @@ class Bench:
     workers: int = 2
     progress: bool = True
 
+    # --- the data -----------------------------------------------------------------------------------------
+
     def render(self) -> None:
-        """Complete the data set, if it is not.
+        """Complete the data set, if it is not complete.
 
         Raises:
-            InputError: it is there, with another stride or before other environments.
+            InputError: it was rendered with another stride or before other environments.
         """
-        there = read_json(self.data / "manifest.json") if (self.data / "manifest.json").is_file() else {}
-        settings = there.get("settings", {})
+        manifest = {}
+        if (self.data / "manifest.json").is_file():
+            manifest = read_json(self.data / "manifest.json")
+        settings = manifest.get("settings", {})
         if settings.get("stride", self.stride) != self.stride:
             raise InputError(
-                f"{self.data} keeps every {settings['stride']}. frame, not every {self.stride}.; set --stride or --data"
+                f"{self.data} keeps every {settings['stride']}. frame, not every {self.stride}.; "
+                "set --stride or --data"
             )
         wanted = self.environments.resolve().name if self.environments else None
         if wanted and settings.get("environments", wanted) != wanted:
             raise InputError(
-                f"{self.data} was rendered before {settings['environments']}, not before {wanted}; set --data to another folder"
+                f"{self.data} was rendered before {settings['environments']}, not before {wanted}; "
+                "set --data to another folder"
             )
-        if sum(there.get("frames", {}).values()) < count_frames(stride=self.stride):
-            from dronekeypp.sixdronesyn.generate import (
-                generate,
-            )  # here: a server that is handed the finished data set needs no renderer
+        if sum(manifest.get("frames", {}).values()) < count_frames(stride=self.stride):
+            # Imported here: a server that is handed the finished data set needs no renderer.
+            from dronekeypp.sixdronesyn.generate import generate
 
-            say(f"rendering into {self.data}", self.progress)
+            self.say(f"rendering into {self.data}")
             generate(
                 self.data,
                 stride=self.stride,
@@ -127,27 +151,76 @@ class Bench:
                 progress=self.progress,
             )
 
-    def settings(self, run: Run, seed: int) -> tuple[ModelConfig, TrainConfig]:
-        """The settings of a run."""
-        own = network_class(run.method).defaults if run.method in NETWORKS else {}
-        return find_preset(self.preset, {**self.budget, **own, **run.changes, "seed": seed})
+    @property
+    def drones(self) -> tuple[DroneClass, ...]:
+        """The drones of the data set, in class order."""
+        return tuple(bop.read_models(self.data).values())
 
-    def folder(self, run: Run, seed: int) -> Path:
-        return self.root / "runs" / self.group / run.slug / f"seed{seed}"
+    @property
+    def names(self) -> list[str]:
+        """Their names, in class order."""
+        return names_of(self.drones)
 
-    def split(self, name: str, run: Run, seed: int, data: Path | None = None) -> SixDroneSyn:
+    def split(self, name: str, run: Run, seed: int, data: Path | None = None) -> FrameDataset:
+        """A split as a run sees it: "train" with the run's augmentation, "train" and "val" without the drone
+        that it leaves out.
+
+        `data` names another data set than the bench's.
+        """
         model, training = self.settings(run, seed)
-        shown = {"augment": training.augment, "degrade": training.degrade} if name == "train" else {}
-        drones = [drone for drone in DRONES if drone != run.without or name == "test"]
-        return SixDroneSyn(
-            data or self.data, name, size=model.image_size, seed=training.seed, drones=drones, **shown
+        training_split = name == "train"
+        drones = None
+        if run.without and name != "test":
+            drones = [drone for drone in self.names if drone != run.without]
+        return open_dataset(
+            data or self.data,
+            name,
+            size=model.image_size,
+            augment=training.augment and training_split,
+            degrade=training.degrade and training_split,
+            seed=training.seed,
+            drones=drones,
         )
 
     def count(self, name: str, run: Run) -> int:
-        """Frames of a split that a run sees, from the table of flights alone."""
-        stride = read_json(self.data / "manifest.json")["settings"]["stride"]
-        flights = subsequences(drones=[drone for drone in DRONES if drone != run.without])
-        return sum(len(frame_numbers(flight, stride)) for flight in flights if flight.split == name)
+        """The number of frames of a split that a run sees, from the data set's plan alone."""
+        left_out = self.names.index(run.without) if run.without else None
+        count = 0
+        for flight, frames in read_json(self.data / "manifest.json")["planned"].items():
+            drone = int(flight) // 10 % 10  # a flight's number: scene, drone, take
+            if folders.split_of(flight) == name and drone != left_out:
+                count += frames
+        return count
+
+    # --- training -----------------------------------------------------------------------------------------
+
+    def settings(self, run: Run, seed: int) -> tuple[Settings, TrainConfig]:
+        """The settings of a run's network and of its training. The classes are the data set's drones."""
+        changes = {**self.used_budget(run), **run.changes, "seed": seed}
+        model, training = presets.preset(self.preset, changes, run.network)
+        if "classes" in type(model).keys() and "classes" not in changes:
+            model = model.replace(classes=len(self.drones))
+        return model, training
+
+    def used_budget(self, run: Run) -> dict[str, Any]:
+        """The part of the budget that a run uses. The methods of one table do not all have the same settings.
+
+        What the run or its method sets itself is left out as well.
+        """
+        kind = run.network.Config
+        own = {**run.network.defaults, **run.changes}
+        values = {**presets.PRESETS[self.preset].model, **self.budget, **own}
+        settings, unused = kind.known_keys(values), kind.unused(values)
+        used = {}
+        for key, value in self.budget.items():
+            in_model = key in settings and key not in unused
+            if key not in own and (in_model or key in TrainConfig.keys()):
+                used[key] = value
+        return used
+
+    def folder(self, run: Run, seed: int) -> Path:
+        """The folder of a run."""
+        return self.root / "runs" / self.group / run.slug / f"seed{seed}"
 
     def finished(self, run: Run, seed: int) -> bool:
         """Whether a run was trained to its end, with these settings on these data.
@@ -155,194 +228,103 @@ class Bench:
         Raises:
             InputError: it was begun with others.
         """
-        folder, (model, training) = self.folder(run, seed), self.settings(run, seed)
+        folder = self.folder(run, seed)
         if not (folder / METRICS).is_file():
             return False
+        model, training = self.settings(run, seed)
         data = {
-            "train_frames": self.count("train", run), "val_frames": self.count("val", run), "digest": describe(self.data)["digest"],
-            "processes": 1, "backbone_digest": weights_digest(model),
-        }  # fmt: skip
-        check_settings(read_json(folder / CONFIG), run_settings(run.method, model, training, data), folder)
-        return len((folder / METRICS).read_text().splitlines()) - 1 >= training.epochs
+            "train_frames": self.count("train", run),
+            "val_frames": self.count("val", run),
+            "digest": describe(self.data)["digest"],
+            "processes": 1,
+            "backbone_digest": weights_digest(model),
+        }
+        settings = run_settings(run.method, model, training, data)
+        check_settings(read_json(folder / CONFIG), settings, folder)
+        return len(read_history(folder)) >= training.epochs
 
     def train(self, run: Run, seed: int) -> Path:
-        """Train a run as far as it was not; returns its best checkpoint."""
+        """Train a run as far as it was not trained yet. Returns the folder of its best checkpoint."""
         folder = self.folder(run, seed)
+        model, training = self.settings(run, seed)
         if not self.finished(run, seed):
-            say(f"{run.method} {run.variant or ''} seed {seed}: {folder}", self.progress)
-            sets = [self.split(name, run, seed) for name in ("train", "val")]
-            network = network_class(run.method)
+            self.say(f"{run.method} {run.variant or ''} seed {seed}: {folder}")
             train_on(
-                *sets, folder, *self.settings(run, seed), resume=True, progress=self.progress, network=network
+                self.split("train", run, seed),
+                self.split("val", run, seed),
+                folder,
+                model,
+                training,
+                resume=True,
+                progress=self.progress,
+                network=run.network,
             )
         if not (folder / HARDWARE).is_file():  # also after a kill between the last epoch and this line
-            write_beside(folder / HARDWARE, f"{hardware(self.settings(run, seed)[1])}\n".encode())
+            write_beside(folder / HARDWARE, f"{hardware(training)}\n".encode())
         return folder / BEST
+
+    def network(self, run: Run, seed: int) -> PoseNetwork:
+        """The best network of a run, on its device. It is trained first if need be."""
+        network = run.network.from_pretrained(self.train(run, seed))
+        return network.to(choose_device(self.settings(run, seed)[1]))
+
+    def training_record(self, run: Run, seed: int) -> dict[str, Any]:
+        """How a finished run went: its epochs, minutes, best epoch, number of parameters, and where."""
+        folder = self.folder(run, seed)
+        history = read_history(folder)
+        scores = [float(row["score"]) for row in history]
+        seconds = [float(row["seconds"]) for row in history]
+        model = run.network(self.settings(run, seed)[0], load_backbone=False)
+        return {
+            "method": run.method,
+            "variant": run.variant,
+            "seed": seed,
+            "epochs": len(history),
+            "best_epoch": int(np.argmin(scores)) + 1,
+            "minutes": round(sum(seconds) / 60, 1),
+            "parameters": sum(p.numel() for p in model.parameters()),
+            "without": run.without,
+            "changes": {**model.defaults, **run.changes},
+            "hardware": (folder / HARDWARE).read_text().strip(),
+        }
+
+    # --- measuring ----------------------------------------------------------------------------------------
 
     def measure(
         self, run: Run, seed: int, name: str = "test", data: Path | None = None, split: str = "test"
-    ) -> dict[str | None, dict[str, np.ndarray]]:
-        """Errors of every frame of a split by variant: {variant: frames of `evaluate`}. Trains first.
+    ) -> dict[str | None, Frames]:
+        """Errors of every frame of a split by variant: {variant: frames of `evaluate`}. It trains first.
 
-        They are kept in the run's folder as NAME.npz, and made again if the network or the data have changed since.
+        They are stored in the run's folder as NAME.npz, and made again if the network or the data have
+        changed since.
         """
-        best, folder, found = self.train(run, seed), self.folder(run, seed), {}
+        best, folder = self.train(run, seed), self.folder(run, seed)
         made_from = source_digest(best / WEIGHTS, data or self.data)
+        frames_of = {}
         for hypothesis in run.hypotheses or (None,):
-            path = folder / f"{name}{'-' + hypothesis if hypothesis else ''}.npz"
+            path = folder / (f"{name}-{hypothesis}.npz" if hypothesis else f"{name}.npz")
             frames = read_npz(path, made_from)
             if frames is None:
-                model = (
-                    network_class(run.method)
-                    .from_pretrained(best)
-                    .to(choose_device(self.settings(run, seed)[1]))
-                )
+                network = self.network(run, seed)
                 if hypothesis:
-                    model.pnp.hypothesis = hypothesis
-                frames = evaluate(
-                    model, self.split(split, run, seed, data), progress=self._bar(f"{run.method} {name}")
-                )
+                    network.pnp.hypothesis = hypothesis
+                dataset = self.split(split, run, seed, data)
+                frames = evaluate(network, dataset, progress=self._bar(f"{run.method} {name}"))
                 write_npz(path, frames, made_from)
-            found[variant_name(run, hypothesis)] = frames
-        return found
+            frames_of[run.row_name(hypothesis)] = frames
+        return frames_of
 
     def _bar(self, title: str) -> Callable[[Iterable], Iterable]:
-        return lambda batches: tqdm(
-            batches, title, leave=False, disable=not (self.progress and sys.stderr.isatty())
-        )
+        shown = self.progress and sys.stderr.isatty()
+        return lambda batches: tqdm(batches, title, leave=False, disable=not shown)
 
-    def story(self, run: Run, seed: int) -> dict[str, Any]:
-        """How a finished run went: epochs, minutes, the best epoch, parameters, where."""
-        folder = self.folder(run, seed)
-        with open(folder / METRICS, newline="") as file:
-            history = list(csv.DictReader(file))
-        scores = [float(row["score"]) for row in history]
-        model = network_class(run.method)(self.settings(run, seed)[0], load_backbone=False)
-        return {
-            "method": run.method, "variant": run.variant, "seed": seed, "epochs": len(history), "best_epoch": int(np.argmin(scores)) + 1,
-            "minutes": round(sum(float(row["seconds"]) for row in history) / 60, 1), "parameters": sum(p.numel() for p in model.parameters()),
-            "without": run.without, "changes": {**model.defaults, **run.changes}, "hardware": (folder / HARDWARE).read_text().strip(),
-        }  # fmt: skip
+    def say(self, line: str) -> None:
+        """Print a line, if progress is wanted."""
+        if self.progress:
+            print(line.rstrip(), flush=True)
 
 
-def complete(
-    jobs: Sequence[tuple],
-    finished: Callable[..., bool],
-    measured: Callable[..., Any],
-    record: Callable[[list], dict[str, Any]],
-) -> dict[str, Any]:
-    """Measure every job and record them in their order, anew after each that was trained: a kill loses nothing. Returns the last record.
-
-    What an earlier call finished comes first, so that nothing is recorded without it.
-    """
-    known, found = [finished(*job) for job in jobs], {}
-    for i in sorted(range(len(jobs)), key=lambda i: not known[i]):
-        found[i] = measured(*jobs[i])
-        if not known[i]:
-            record([found[k] for k in sorted(found)])
-    return record([found[k] for k in sorted(found)])
-
-
-def variant_name(run: Run, hypothesis: str | None) -> str | None:
-    """The variant's name in a table; a PnP that takes the upright pose is a variant of its own."""
-    parts = [run.variant, "upright" if hypothesis == "upright" else None]
-    return ", ".join(part for part in parts if part) or None
-
-
-def say(line: str, progress: bool) -> None:
-    if progress:
-        print(line.rstrip(), flush=True)
-
-
-def source_digest(weights: Path, data: Path) -> str:
-    """What a measurement was made from: these weights, on these frames, by this version of `frame_errors`."""
-    return (
-        f"{digest(weights.read_bytes())} on {read_json(data / 'manifest.json')['digest']}, measures {FORMAT}"
-    )
-
-
-def write_npz(path: Path, arrays: dict[str, Any], made_from: str | None = None) -> None:
-    """The arrays of `arrays`, written beside and renamed, with what they were made from."""
-    content = io.BytesIO()
-    kept = {name: value for name, value in arrays.items() if isinstance(value, np.ndarray)}
-    np.savez_compressed(content, **kept, **({"made_from": np.array(made_from)} if made_from else {}))
-    write_beside(path, content.getvalue())
-
-
-def read_npz(path: Path, made_from: str) -> dict[str, np.ndarray] | None:
-    """The arrays of `write_npz`, or None if they are not there, broken, or made from something else."""
-    try:
-        with np.load(path) as stored:
-            arrays = dict(stored)
-    except (OSError, ValueError, zipfile.BadZipFile):
-        return None
-    return arrays if str(arrays.pop("made_from", "")) == made_from else None
-
-
-def rows_and_averages(frames: dict[str, np.ndarray], **labels) -> tuple[list[dict], list[dict]]:
-    """`summarise` and `averages` of one method, for JSON."""
-    return json_values(summarise(frames, **labels)), json_values(averages(frames, **labels))
-
-
-def result(
-    name: str, bench: Bench, stories: Sequence[dict], dataset: dict[str, Any] | None = None, **parts
-) -> dict[str, Any]:
-    """A recorded result: what was run, on what (default: the bench's data), for how long, and its rows."""
-    command = command_line() if sys.argv[1:2] == ["reproduce"] else None
-    return {
-        "name": name,
-        "command": command,
-        "preset": bench.preset,
-        "budget": {key: str(value) for key, value in bench.budget.items()},
-        "dataset": dataset or describe(bench.data),
-        "hardware": ", ".join(dict.fromkeys(story["hardware"] for story in stories)),
-        "minutes": round(sum(story["minutes"] for story in stories), 1),
-        "versions": {
-            "dronekeypp": __version__,
-            "torch": torch.__version__,
-            "numpy": np.__version__,
-            "python": platform.python_version(),
-        },
-        "runs": list(stories),
-        **parts,
-    }
-
-
-def describe(data: Path) -> dict[str, Any]:
-    """A data set in a recorded result."""
-    manifest = read_json(data / "manifest.json")
-    settings, frames = manifest["settings"], manifest["frames"]
-    return {
-        "seed": settings["seed"], "digest": manifest["digest"], "train_frames": frames["train"], "test_frames": frames["test"],
-        "stride": settings["stride"], "environments": settings["environments"],
-    }  # fmt: skip
-
-
-def hardware(config: TrainConfig) -> str:
-    """The device a training runs on, in words."""
-    device = choose_device(config)
-    return (
-        torch.cuda.get_device_name(device)
-        if device.type == "cuda"
-        else f"{os.cpu_count()} CPU cores ({platform.machine()})"
-    )
-
-
-def write_result(root: Path, result: dict[str, Any]) -> Path:
-    """data_samples/results/NAME.json below `root`."""
-    path = root / "data_samples" / "results" / f"{result['name']}.json"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_beside(path, (json.dumps(result, indent=1) + "\n").encode())
-    return path
-
-
-def read_result(name: str, root: Path | None = None) -> dict[str, Any]:
-    """A recorded result by name ("table3"), from `root` or the repository this package lies in.
-
-    Raises:
-        InputError: nothing of that name has been recorded.
-    """
-    path = (root or Path(__file__).parents[3]) / "data_samples" / "results" / f"{name}.json"
-    if not path.is_file():
-        raise InputError(f"{path} not found: make it with `python -m dronekeypp reproduce {name}`")
-    return json.loads(path.read_text())
+def read_history(folder: Path) -> list[dict[str, str]]:
+    """The rows of a run's metrics.csv."""
+    with open(folder / METRICS, newline="") as file:
+        return list(csv.DictReader(file))

@@ -1,8 +1,9 @@
-"""What every table is made of: means over the seeds and the 14 test sequences, their intervals, and one panel a metric."""
+"""What the tables share: rows averaged over seeds and sequences, cells as text, and one panel a metric."""
 
 from __future__ import annotations
 
 import io
+import itertools
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,8 @@ from dronekeypp.evaluate import MEASURES, interval_of_mean
 from dronekeypp.files import write_beside
 
 TEST_SCENES = (6, 7)
-# The metrics of the paper's tables: name, our measure, the paper's, digits. The paper's translation MAE fits a per-axis mean (see evaluate.py).
+# The metrics of the paper's tables: name, our measure, the paper's, digits. The paper's translation MAE fits
+# a per-axis mean (see evaluate/errors.py).
 PRINTED = (
     ("R MAE (deg)", "R_mae_deg", "R_deg_MAE", 2),
     ("R MedAE (deg)", "R_medae_deg", "R_deg_MedAE", 2),
@@ -24,146 +26,191 @@ PRINTED = (
     ("t MedAE (m)", "t_medae_m", "t_m_MedAE", 3),
 )
 
+Name = tuple[str, str | None]  # of a row: its method, and its variant or None
+
+# --- rows of a recorded result ----------------------------------------------------------------------------
+
 
 def title(method: str, variant: str | None) -> str:
+    """The name of a row, as people read it."""
     return f"{method} ({variant})" if variant else method
 
 
-def methods(recorded: dict[str, Any]) -> list[tuple[str, str | None]]:
-    """(method, variant) of a recorded result, in its order."""
+def methods(recorded: dict[str, Any]) -> list[Name]:
+    """(method, variant) of every row of a recorded result, in its order."""
     return list(dict.fromkeys((row["method"], row["variant"]) for row in recorded["rows"]))
 
 
 def drones(recorded: dict[str, Any]) -> list[str]:
-    """The drones of a recorded result, in class order: whoever has drones of his own still reads the tables of seven."""
+    """The drones of a recorded result, in class order.
+
+    Whoever has drones of his own still reads the tables of seven.
+    """
     return list(dict.fromkeys(row["drone"] for row in recorded["rows"]))
 
 
-def over_seeds(rows: Sequence[dict], key: str) -> float:
+def columns(recorded: dict[str, Any]) -> list[tuple[int, str]]:
+    """(scene, drone) of our columns: scene 6, then scene 7, the drones in class order."""
+    return list(itertools.product(TEST_SCENES, drones(recorded)))
+
+
+def over_seeds(rows: Sequence[dict[str, Any]], key: str) -> float:
     """Mean of a measure over the rows given (the seeds of one cell); NaN where it was not measured."""
     values = [row[key] for row in rows if row.get(key) is not None]
     return float(np.mean(values)) if values else float("nan")
 
 
 def cells(recorded: dict[str, Any], method: str, variant: str | None, key: str) -> list[float]:
-    """Our columns (scene 6, then scene 7, `drones` in class order) and their mean; NaN where there is no such frame."""
-    mine = [row for row in recorded["rows"] if (row["method"], row["variant"]) == (method, variant)]
-    columns = [
-        over_seeds([row for row in mine if (row["scene"], row["drone"]) == (scene, drone)], key)
-        for scene in TEST_SCENES
-        for drone in drones(recorded)
-    ]
-    return [*columns, float(np.nanmean(columns)) if not np.isnan(columns).all() else float("nan")]
+    """A measure of one row in each of `columns`, and their mean; NaN where there is no such frame."""
+    by_column: dict[tuple[int, str], list[dict[str, Any]]] = {}
+    for row in recorded["rows"]:
+        if (row["method"], row["variant"]) == (method, variant):
+            by_column.setdefault((row["scene"], row["drone"]), []).append(row)
+    values = [over_seeds(by_column.get(column, []), key) for column in columns(recorded)]
+    mean = float("nan") if np.isnan(values).all() else float(np.nanmean(values))
+    return [*values, mean]
 
 
 def by_seed(recorded: dict[str, Any], method: str, variant: str | None, key: str) -> list[float]:
-    """The mean over the 14 columns of every seed by itself, in the seeds' order; without those that did not measure it."""
-    seeds = sorted(
-        {row["seed"] for row in recorded["rows"] if (row["method"], row["variant"]) == (method, variant)}
-    )
-    means = [
-        cells({"rows": [row for row in recorded["rows"] if row["seed"] == seed]}, method, variant, key)[-1]
-        for seed in seeds
-    ]
-    return [mean for mean in means if not np.isnan(mean)]
+    """The mean over the columns of every seed by itself, in the seeds' order.
+
+    Seeds that did not measure it are left out.
+    """
+    rows_of: dict[int, list[dict[str, Any]]] = {}
+    for row in recorded["rows"]:
+        rows_of.setdefault(row["seed"], []).append(row)
+    means = []
+    for seed in sorted(rows_of):
+        mean = cells({"rows": rows_of[seed]}, method, variant, key)[-1]
+        if not np.isnan(mean):
+            means.append(mean)
+    return means
 
 
 def average(recorded: dict[str, Any], method: str, variant: str | None) -> dict[str, Any]:
-    """Every measure averaged over the seeds and the 14 columns, and KEY_ci95: its interval over the columns. None: not predicted."""
-    found: dict[str, Any] = {}
+    """Every measure of a row averaged over the seeds and the columns; None where it was not predicted.
+
+    KEY_ci95 is its 95 % interval over the columns.
+    """
+    result: dict[str, Any] = {}
     for key in MEASURES:
-        *columns, mean = cells(recorded, method, variant, key)
-        found[key] = None if np.isnan(mean) else mean
-        if np.isfinite(columns).all():
-            found[f"{key}_ci95"] = interval_of_mean(columns)
-    return found
+        *values, mean = cells(recorded, method, variant, key)
+        result[key] = None if np.isnan(mean) else mean
+        if np.isfinite(values).all():
+            result[f"{key}_ci95"] = interval_of_mean(values)
+    return result
+
+
+# --- text -------------------------------------------------------------------------------------------------
 
 
 def number(value: float | None, digits: int) -> str:
+    """A number with so many digits, or a dash where there is none."""
     return "–" if value is None or np.isnan(value) else f"{value:.{digits}f}"
 
 
 def percent(value: float | None) -> str:
+    """A share in per cent, or a dash where there is none."""
     return "–" if value is None or np.isnan(value) else f"{100 * value:.1f} %"
 
 
-def interval(row: dict, key: str, digits: int) -> str:
+def interval(row: dict[str, Any], key: str, digits: int) -> str:
     """ "12.34 [10.00, 15.00]", or without the brackets where there is no interval."""
-    low_high = row.get(f"{key}_ci95")
     text = number(row[key], digits)
-    return f"{text} [{', '.join(number(v, digits) for v in low_high)}]" if low_high else text
+    limits = row.get(f"{key}_ci95")
+    if not limits:
+        return text
+    low, high = limits
+    return f"{text} [{number(low, digits)}, {number(high, digits)}]"
 
 
-def panels(
-    recorded: dict[str, Any],
-    names: Sequence[tuple[str, str | None]],
-    labels: Sequence[str],
-    paper: Callable[[tuple[str, str | None], str], float | None],
-) -> plt.Figure:
-    """One panel a metric, one line a row: our mean with its 95 % interval over the sequences, every seed, and the paper's value.
-
-    `paper(name, key)` is the printed value of a row in one of PRINTED' keys, or None.
-    """
-    plots.style()
-    figure, axes = plt.subplots(1, len(PRINTED), figsize=(12, 1.2 + 0.34 * len(names)), sharey=True)
-    y = np.arange(len(names))[::-1]
-    for ax, (title_, key, _, _) in zip(axes, PRINTED, strict=True):
-        for i, name in zip(y, names, strict=True):
-            row, seeds, theirs = average(recorded, *name), by_seed(recorded, *name, key), paper(name, key)
-            if row[key] is not None:
-                low, high = row.get(f"{key}_ci95") or (row[key], row[key])
-                ax.plot([low, high], [i, i], color="#0072B2", linewidth=1.5)
-                ax.plot(
-                    row[key],
-                    i,
-                    "o",
-                    color="#0072B2",
-                    markersize=5,
-                    label="measured here, 95 % interval over the sequences",
-                )
-            if len(seeds) > 1:
-                ax.plot(seeds, [i] * len(seeds), "|", color="black", markersize=7, label="each seed")
-            if theirs is not None:
-                ax.plot(
-                    theirs,
-                    i,
-                    "D",
-                    color="#D55E00",
-                    markersize=5,
-                    markerfacecolor="none",
-                    label="paper, its data",
-                )
-        ax.set(title=title_, xlim=(0, None), ylim=(-0.6, len(names) - 0.4))
-        ax.grid(axis="x", alpha=0.3)
-    axes[0].set_yticks(y, labels)
-    entries = {
-        label: line for ax in axes for line, label in zip(*ax.get_legend_handles_labels(), strict=True)
-    }
-    figure.legend(entries.values(), entries.keys(), ncols=len(entries), loc="outside lower center")
-    return figure
-
-
-def write_figure(path: Path, figure: plt.Figure) -> None:
-    """The figure as PNG, written beside and renamed; it is closed."""
-    content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=110)
-    plt.close(figure)
-    write_beside(path, content.getvalue())
+def line(cells: Sequence[str]) -> str:
+    """One line of a Markdown table."""
+    return "| " + " | ".join(cells) + " |"
 
 
 def count_seeds(recorded: dict[str, Any]) -> str:
     """ "3 seeds", or "1 to 3 seeds" where the rows differ."""
-    of_rows: dict[tuple, set] = {}
-    for story in recorded["runs"]:
-        of_rows.setdefault((story["method"], story["variant"]), set()).add(story["seed"])
-    fewest, most = min(map(len, of_rows.values())), max(map(len, of_rows.values()))
-    return (f"{most}" if fewest == most else f"{fewest} to {most}") + " seed" + "s" * (most > 1)
+    seeds_of: dict[Name, set[int]] = {}
+    for run in recorded["runs"]:
+        seeds_of.setdefault((run["method"], run["variant"]), set()).add(run["seed"])
+    counts = [len(seeds) for seeds in seeds_of.values()]
+    fewest, most = min(counts), max(counts)
+    text = f"{most}" if fewest == most else f"{fewest} to {most}"
+    return f"{text} seeds" if most > 1 else f"{text} seed"
 
 
 def heading(recorded: dict[str, Any]) -> str:
     """What a recorded table was made with, in a sentence or two."""
     data = recorded["dataset"]
+    budget = ", ".join(f"{key}={value}" for key, value in recorded["budget"].items())
     return (
-        f"Preset `{recorded['preset']}`, {data['train_frames']:,} training frames, {data['test_frames']:,} test frames, {count_seeds(recorded)}, "
-        f"{recorded['hardware']}. Budget: {', '.join(f'{k}={v}' for k, v in recorded['budget'].items()) or 'as in the preset'}."
+        f"Preset `{recorded['preset']}`, {data['train_frames']:,} training frames, "
+        f"{data['test_frames']:,} test frames, {count_seeds(recorded)}, {recorded['hardware']}. "
+        f"Budget: {budget or 'as in the preset'}."
     )
+
+
+# --- figures ----------------------------------------------------------------------------------------------
+
+
+def panels(
+    recorded: dict[str, Any],
+    names: Sequence[Name],
+    labels: Sequence[str],
+    paper: Callable[[Name, str], float | None],
+) -> plt.Figure:
+    """One panel a metric, one line a row: our mean with its 95 % interval over the sequences, every seed, and
+    the paper's value.
+
+    Args:
+        recorded: the result.
+        names: the rows that are shown, from top to bottom.
+        labels: how they are called.
+        paper: `paper(name, key)` is the printed value of a row in one of our keys, or None.
+    """
+    plots.style()
+    figure, axes = plt.subplots(1, len(PRINTED), figsize=(12, 1.2 + 0.34 * len(names)), sharey=True)
+    places = np.arange(len(names))[::-1]
+    for ax, (metric, key, _, _) in zip(axes, PRINTED, strict=True):
+        for y, name in zip(places, names, strict=True):
+            row, seeds = average(recorded, *name), by_seed(recorded, *name, key)
+            _panel_line(ax, y, row, key, seeds, paper(name, key))
+        ax.set(title=metric, xlim=(0, None), ylim=(-0.6, len(names) - 0.4))
+        ax.grid(axis="x", alpha=0.3)
+    axes[0].set_yticks(places, labels)
+    entries = {}
+    for ax in axes:
+        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
+            entries[label] = handle
+    figure.legend(entries.values(), entries.keys(), ncols=len(entries), loc="outside lower center")
+    return figure
+
+
+def _panel_line(
+    ax: plt.Axes,
+    y: float,
+    row: dict[str, Any],
+    key: str,
+    seeds: Sequence[float],
+    printed: float | None,
+) -> None:
+    """One row of a panel at height `y`."""
+    if row[key] is not None:
+        limits = row.get(f"{key}_ci95") or (row[key], row[key])
+        ax.plot(limits, [y, y], color="#0072B2", linewidth=1.5)
+        label = "measured here, 95 % interval over the sequences"
+        ax.plot(row[key], y, "o", color="#0072B2", markersize=5, label=label)
+    if len(seeds) > 1:
+        ax.plot(seeds, [y] * len(seeds), "|", color="black", markersize=7, label="each seed")
+    if printed is not None:
+        style = {"color": "#D55E00", "markersize": 5, "markerfacecolor": "none"}
+        ax.plot(printed, y, "D", label="paper, its data", **style)
+
+
+def write_figure(path: Path, figure: plt.Figure) -> None:
+    """Write the figure as PNG beside `path` and rename it; the figure is closed."""
+    content = io.BytesIO()
+    figure.savefig(content, format="png", dpi=110)
+    plt.close(figure)
+    write_beside(path, content.getvalue())

@@ -1,0 +1,133 @@
+"""Poses of whole flights, smoothed: with and without the covariance that a geometric network claims."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from dronekeypp import rotations
+from dronekeypp.evaluate import interval_of_mean
+from dronekeypp.reproduce.beyond_uncertainty import Answers
+from dronekeypp.sequences import LiveFilter, filtered, gaussian, inverse_variances
+from dronekeypp.sixdronesyn.scenes import FPS
+
+Poses = tuple[np.ndarray, np.ndarray]  # R (F, 3, 3) and t (F, 3) metres
+# (R, t, seconds (F,), covariance (F, 6, 6), strength) -> the smoothed poses
+Smoother = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float], Poses]
+
+
+def unchanged(
+    R: np.ndarray, t: np.ndarray, time: np.ndarray, covariance: np.ndarray, strength: float
+) -> Poses:
+    """The poses as they are."""
+    return R, t
+
+
+def smoothed(
+    R: np.ndarray, t: np.ndarray, time: np.ndarray, covariance: np.ndarray, strength: float
+) -> Poses:
+    """A Gaussian of `strength` seconds."""
+    return gaussian(R, t, time, strength)
+
+
+def smoothed_by_covariance(
+    R: np.ndarray, t: np.ndarray, time: np.ndarray, covariance: np.ndarray, strength: float
+) -> Poses:
+    """The same, with every frame weighted by what was claimed for it."""
+    return gaussian(R, t, time, strength, inverse_variances(covariance))
+
+
+def live(R: np.ndarray, t: np.ndarray, time: np.ndarray, covariance: np.ndarray, strength: float) -> Poses:
+    """A live filter whose random accelerations have this strength."""
+    return filtered(R, t, time, LiveFilter(strength, strength))
+
+
+def live_by_covariance(
+    R: np.ndarray, t: np.ndarray, time: np.ndarray, covariance: np.ndarray, strength: float
+) -> Poses:
+    """The same, with the claimed covariance as the noise of each measurement."""
+    return filtered(R, t, time, LiveFilter(strength, strength), covariance)
+
+
+# Each filter, and the strengths to choose from.
+FILTERS: dict[str, tuple[Smoother, tuple[float, ...]]] = {
+    "frame by frame": (unchanged, (0.0,)),
+    "Gaussian": (smoothed, (0.03, 0.05, 0.1, 0.2)),
+    "Gaussian, weighted by the covariance": (smoothed_by_covariance, (0.03, 0.05, 0.1, 0.2)),
+    "live filter": (live, (1.0, 3.0, 10.0, 30.0)),
+    "live filter, told the covariance": (live_by_covariance, (1.0, 3.0, 10.0, 30.0)),
+}
+
+
+def over_flights(
+    answered: Answers, truth: dict[str, Tensor], smooth: Smoother, strength: float, every: int = 1
+) -> np.ndarray:
+    """Mean errors of the flights after smoothing: (n, 2), rotation in degrees and translation in metres.
+
+    Args:
+        answered: what the network says of the frames.
+        truth: their annotations.
+        smooth: one of FILTERS.
+        strength: its strength.
+        every: take every `every`-th flight only.
+    """
+    frames = answered.whole
+    keys = np.stack([frames["scene"], frames["label"], frames["subsequence"]], axis=1)
+    _, flight = np.unique(keys, axis=0, return_inverse=True)
+    flight = flight.ravel()
+    rows = []
+    for number in range(0, flight.max() + 1, every):
+        chosen = np.flatnonzero(flight == number)
+        R, t = frames["R"][chosen].astype(float), frames["t"][chosen].astype(float)
+        time = frames["frame"][chosen] / FPS
+        R, t = smooth(R, t, time, answered.covariance[chosen], strength)
+        turned = rotations.geodesic_degrees(torch.tensor(R), truth["R"][chosen].double())
+        shifted = np.linalg.norm(t - truth["t"][chosen].double().numpy(), axis=1)
+        rows.append((float(turned.mean()), float(shifted.mean())))
+    return np.array(rows)
+
+
+def sequences(
+    test: Answers, truth: dict[str, Tensor], val: Answers, val_truth: dict[str, Tensor]
+) -> list[dict[str, Any]]:
+    """Every filter on the test flights, with the change against single frames.
+
+    Each is as strong as serves it best on every second validation flight.
+
+    Args:
+        test: answers to the test frames.
+        truth: their annotations.
+        val: answers to the validation frames.
+        val_truth: their annotations.
+    """
+    rows = []
+    single_frames = None
+    for name, (smooth, strengths) in FILTERS.items():
+        best = best_strength(val, val_truth, smooth, strengths)
+        errors = over_flights(test, truth, smooth, best)  # (n, 2)
+        if single_frames is None:  # the first filter changes nothing
+            single_frames = errors
+        row = {"filter": name, "strength": best, "flights": len(errors)}
+        for k, key in enumerate(("R_deg", "t_m")):
+            row[key] = float(errors[:, k].mean())
+            row[f"{key}_change_ci95"] = interval_of_mean((errors - single_frames)[:, k])
+        rows.append(row)
+    return rows
+
+
+def best_strength(
+    val: Answers, truth: dict[str, Tensor], smooth: Smoother, strengths: tuple[float, ...]
+) -> float:
+    """The strength with the lowest errors on every second flight.
+
+    Rotation and translation count alike, each over its error with the first strength.
+    """
+    errors = []
+    for strength in strengths:
+        errors.append(over_flights(val, truth, smooth, strength, every=2).mean(axis=0))
+    scores = [R / errors[0][0] + t / errors[0][1] for R, t in errors]
+    return strengths[int(np.argmin(scores))]

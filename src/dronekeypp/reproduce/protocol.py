@@ -1,0 +1,193 @@
+"""The protocol of a table: which trainings it needs, what is measured of each, and how it is written down.
+
+Every table of this package is a `Table`. The base class renders and trains what is missing, measures, and
+writes the result after every training that ends. A table says only what is its own.
+"""
+
+from __future__ import annotations
+
+import platform
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import torch
+
+from dronekeypp import __version__
+from dronekeypp.errors import InputError
+from dronekeypp.files import command_line, write_beside
+from dronekeypp.presets import TrainConfig
+from dronekeypp.reproduce.results import describe, write_result
+from dronekeypp.reproduce.runner import Bench, Run
+from dronekeypp.reproduce.tables import write_figure
+
+# What one job adds to a table: "run", the record of its training, and for each of `Table.lists` its entries.
+Part = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Job:
+    """One training of a table, to be measured.
+
+    Args:
+        bench: where it is made.
+        run: the training.
+        seed: of the training.
+        label: the name of its row in the table, where that is not the run's variant.
+    """
+
+    bench: Bench
+    run: Run
+    seed: int
+    label: str = ""
+
+
+class Table:
+    """Base of every table.
+
+    A table of its own sets `name`, and defines `jobs`, `measure` and `markdown`. Where it needs more, it
+    defines `prepare`, `finished`, `details`, `as_csv`, `draw` or `record` as well.
+    """
+
+    name: str  # of the result, of its table and of its figure
+    full_budget = False  # whether its trainings have the full budget, or that of an ablation
+    lists: tuple[str, ...] = ("rows", "averages")  # what every job's part holds, joined in the result
+
+    def reproduce(self, bench: Bench, seeds: int | None = None) -> dict[str, Any]:
+        """Train and measure whatever is missing. Returns the recorded result.
+
+        Args:
+            bench: where, and at what budget.
+            seeds: trainings a row, with seeds 0, 1, …; None is the table's own number.
+
+        Raises:
+            InputError: see `prepare`; or the budget has a setting that none of the trainings uses.
+        """
+        self.prepare(bench)
+        jobs = self.jobs(bench, seeds)
+        self.check_budget(bench, jobs)
+        return self.run_jobs(bench, jobs)
+
+    def prepare(self, bench: Bench) -> None:
+        """Make what all jobs need. The default renders the data set."""
+        bench.render()
+
+    def jobs(self, bench: Bench, seeds: int | None) -> list[Job]:
+        """The trainings of the table, in the order of its rows."""
+        raise NotImplementedError
+
+    def check_budget(self, bench: Bench, jobs: Sequence[Job]) -> None:
+        """Raise InputError, naming the setting, if the budget has one that none of the trainings uses."""
+        settings = TrainConfig.keys()
+        used: set[str] = set()
+        for job in jobs:
+            model, _ = job.bench.settings(job.run, job.seed)
+            settings += [key for key in model.to_dict() if key not in settings]
+            used |= set(job.bench.used_budget(job.run))
+        for key, value in bench.budget.items():
+            if key not in settings:
+                names = ", ".join(settings)
+                raise InputError(f"unknown setting {key!r} for the methods of {self.name}; known: {names}")
+            if key not in used:
+                raise InputError(f"{key}={value} is not used by any training of {self.name}")
+
+    def run_jobs(self, bench: Bench, jobs: Sequence[Job]) -> dict[str, Any]:
+        """Measure every job and record them in their order. Returns the last record.
+
+        The result is written anew after each job that was trained, so a kill loses nothing. What an earlier
+        call finished comes first, so that nothing is recorded without it.
+        """
+        finished = [self.finished(job) for job in jobs]
+        parts: dict[int, Part] = {}
+        for i in sorted(range(len(jobs)), key=lambda i: not finished[i]):
+            parts[i] = self.measure(jobs[i])
+            if not finished[i]:
+                self.record(bench, [parts[k] for k in sorted(parts)])
+        return self.record(bench, [parts[k] for k in sorted(parts)])
+
+    def finished(self, job: Job) -> bool:
+        """Whether the training of a job has ended."""
+        return job.bench.finished(job.run, job.seed)
+
+    def measure(self, job: Job) -> Part:
+        """Everything that one job adds to the table. Its training is made first if need be."""
+        raise NotImplementedError
+
+    def details(self, bench: Bench) -> dict[str, Any]:
+        """What the result holds beside the parts of the jobs. By default nothing."""
+        return {}
+
+    def record(self, bench: Bench, parts: Sequence[Part]) -> dict[str, Any]:
+        """Write the result, the table and its figures from the parts that there are. Returns the result."""
+        joined = {}
+        for key in self.lists:
+            joined[key] = []
+            for part in parts:
+                joined[key] += part.get(key, [])
+        runs = [part["run"] for part in parts]
+        recorded = assemble(self.name, bench, runs, **self.details(bench), **joined)
+        self.write(bench, recorded)
+        return recorded
+
+    def write(self, bench: Bench, recorded: dict[str, Any]) -> None:
+        """Write data_samples/results/NAME.json, figures/NAME.md and .csv, and every figure of `draw`."""
+        write_result(bench.root, recorded)
+        folder = bench.root / "figures"
+        folder.mkdir(parents=True, exist_ok=True)
+        write_beside(folder / f"{self.name}.md", self.markdown(recorded).encode())
+        text = self.as_csv(recorded)
+        if text is not None:
+            write_beside(folder / f"{self.name}.csv", text.encode())
+        for stem, figure in self.draw(recorded).items():
+            write_figure(folder / f"{stem}.png", figure)
+
+    def markdown(self, recorded: dict[str, Any]) -> str:
+        """The table as Markdown."""
+        raise NotImplementedError
+
+    def as_csv(self, recorded: dict[str, Any]) -> str | None:
+        """The table as CSV, or None where it has no such file."""
+        return None
+
+    def draw(self, recorded: dict[str, Any]) -> dict[str, plt.Figure]:
+        """The figures by the stems of their files. By default none."""
+        return {}
+
+
+def assemble(
+    name: str,
+    bench: Bench,
+    runs: Sequence[dict[str, Any]],
+    dataset: dict[str, Any] | None = None,
+    **parts: Any,
+) -> dict[str, Any]:
+    """A result as it is recorded: what was run, on what, for how long, and what was measured.
+
+    Args:
+        name: of the table.
+        bench: where it was made.
+        runs: the records of its trainings, see `Bench.training_record`.
+        dataset: what the data were, see `describe`; the default describes the bench's data.
+        parts: what was measured, by its name.
+    """
+    command = command_line() if sys.argv[1:2] == ["reproduce"] else None
+    return {
+        "name": name,
+        "command": command,
+        "preset": bench.preset,
+        "budget": {key: str(value) for key, value in bench.budget.items()},
+        "dataset": dataset or describe(bench.data),
+        "hardware": ", ".join(dict.fromkeys(run["hardware"] for run in runs)),
+        "minutes": round(sum(run["minutes"] for run in runs), 1),
+        "versions": {
+            "dronekeypp": __version__,
+            "torch": torch.__version__,
+            "numpy": np.__version__,
+            "python": platform.python_version(),
+        },
+        "runs": list(runs),
+        **parts,
+    }

@@ -1,0 +1,118 @@
+"""What is recorded of a table: data_samples/results/NAME.json, and the arrays that figures are drawn from."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import platform
+import zipfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from dronekeypp.errors import InputError
+from dronekeypp.evaluate import FORMAT, averages, json_values, summarise
+from dronekeypp.files import digest, read_json, repository_root, write_beside, write_json
+from dronekeypp.presets import TrainConfig
+from dronekeypp.train import choose_device
+
+RESULTS = Path("data_samples") / "results"  # below the root
+# Every number the paper prints, by table and row.
+PAPER: dict[str, Any] = json.loads((Path(__file__).parent / "paper.json").read_text(encoding="utf-8"))
+
+# --- a recorded result ------------------------------------------------------------------------------------
+
+
+def read_result(name: str, root: Path | None = None) -> dict[str, Any]:
+    """A recorded result by its name, such as "table3", from `root` or from the repository.
+
+    Raises:
+        InputError: nothing of that name has been recorded, or there is no `root` and no repository.
+    """
+    path = (root or repository_root()) / RESULTS / f"{name}.json"
+    if not path.is_file():
+        raise InputError(f"{path} not found: make it with `python -m dronekeypp reproduce {name}`")
+    return read_json(path)
+
+
+def write_result(root: Path, recorded: dict[str, Any]) -> Path:
+    """Write data_samples/results/NAME.json below `root`. Returns its path."""
+    path = root / RESULTS / f"{recorded['name']}.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_json(path, recorded, indent=1)
+    return path
+
+
+def rows_and_averages(
+    frames: dict[str, np.ndarray], names: Sequence[str], **labels: Any
+) -> dict[str, list[dict[str, Any]]]:
+    """`summarise` and `averages` of one method, for JSON: {"rows": …, "averages": …}.
+
+    `names` are the drones in class order; `labels` are put in front of every row (method=, variant=, seed=).
+    """
+    return {
+        "rows": json_values(summarise(frames, names, **labels)),
+        "averages": json_values(averages(frames, **labels)),
+    }
+
+
+# --- what a measurement was made from ---------------------------------------------------------------------
+
+
+def describe(data: Path) -> dict[str, Any]:
+    """A data set, as a recorded result names it."""
+    manifest = read_json(data / "manifest.json")
+    settings, frames = manifest["settings"], manifest["frames"]
+    return {
+        "seed": settings["seed"],
+        "digest": manifest["digest"],
+        "train_frames": frames["train"],
+        "test_frames": frames["test"],
+        "stride": settings["stride"],
+        "environments": settings["environments"],
+    }
+
+
+def hardware(config: TrainConfig) -> str:
+    """The device a training runs on, in words."""
+    device = choose_device(config)
+    if device.type == "cuda":
+        return torch.cuda.get_device_name(device)
+    return f"{os.cpu_count()} CPU cores ({platform.machine()})"
+
+
+def source_digest(weights: Path, data: Path) -> str:
+    """What a measurement was made from: these weights, these frames, and this version of `frame_errors`."""
+    frames = read_json(data / "manifest.json")["digest"]
+    return f"{digest(weights.read_bytes())} on {frames}, measures {FORMAT}"
+
+
+# --- arrays -----------------------------------------------------------------------------------------------
+
+
+def write_npz(path: Path, arrays: Mapping[str, np.ndarray], made_from: str | None = None) -> None:
+    """Write arrays beside `path` and rename the file, with a note of what they were made from.
+
+    A value that is no array is left out.
+    """
+    stored = {name: value for name, value in arrays.items() if isinstance(value, np.ndarray)}
+    if made_from:
+        stored["made_from"] = np.array(made_from)
+    content = io.BytesIO()
+    np.savez_compressed(content, **stored)
+    write_beside(path, content.getvalue())
+
+
+def read_npz(path: Path, made_from: str) -> dict[str, np.ndarray] | None:
+    """The arrays of `write_npz`, or None if they are missing, broken, or made from something else."""
+    try:
+        with np.load(path) as stored:
+            arrays = dict(stored)
+    except (OSError, ValueError, zipfile.BadZipFile):
+        return None
+    source = str(arrays.pop("made_from", ""))
+    return arrays if source == made_from else None

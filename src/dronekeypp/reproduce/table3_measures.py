@@ -1,0 +1,160 @@
+"""What Table 3 does by itself: YOLOv8n-pose, which has its own loop, and what is kept of DroneKey++."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from scipy.spatial.transform import Rotation
+
+from dronekeypp.baselines import yolo
+from dronekeypp.baselines.pnp_pose import PnPPose
+from dronekeypp.camera import from_crop
+from dronekeypp.checkpoint import WEIGHTS
+from dronekeypp.data import FrameDataset, open_dataset, read_annotations
+from dronekeypp.evaluate import batches_of, frame_errors, to_device
+from dronekeypp.evaluate.statistics import Frames
+from dronekeypp.files import write_beside
+from dronekeypp.model import PoseNetwork
+from dronekeypp.predict import mirror_doubt
+from dronekeypp.reproduce.results import RESULTS, describe, hardware, read_npz, source_digest, write_npz
+from dronekeypp.reproduce.runner import Bench, Run
+from dronekeypp.train import METRICS, choose_device
+
+BATCH = 64  # pictures in memory at a time
+FLIGHT_ARRAYS = ("subsequence", "frame", "label", "predicted", "t", "layer_spread", "keypoint_units")
+
+# --- YOLOv8n-pose -----------------------------------------------------------------------------------------
+
+
+def yolo_epochs(bench: Bench, run: Run, seed: int) -> int:
+    """As many epochs of all training frames as show the detector what the budget shows the others."""
+    _, training = bench.settings(run, seed)
+    frames = describe(bench.data)["train_frames"]
+    shown = min(training.frames or frames, frames)
+    return max(1, round(training.epochs * shown / frames))
+
+
+def yolo_finished(bench: Bench, run: Run, seed: int) -> bool:
+    """Whether YOLO was trained to its end."""
+    return yolo.epochs_done(bench.folder(run, seed)) >= yolo_epochs(bench, run, seed)
+
+
+def measure_yolo(bench: Bench, run: Run, seed: int) -> tuple[dict[str | None, Frames], dict[str, Any]]:
+    """`Bench.measure` and `Bench.training_record` for YOLOv8n-pose, which trains itself.
+
+    Its PnP gets the class of the true drone, as DroneKey's does.
+    """
+    model, training = bench.settings(run, seed)
+    folder, device = bench.folder(run, seed), str(choose_device(training))
+    bench.say(f"{run.method} seed {seed}: {folder}")
+    val_set = bench.split("val", run, seed)
+    if training.val_frames:
+        stride = max(1, len(val_set) // training.val_frames)
+        val_set = open_dataset(bench.data, "val", size=model.image_size, stride=stride)
+    train_set = open_dataset(bench.data, "train", size=model.image_size)
+    settings = {
+        "size": model.image_size,
+        "epochs": yolo_epochs(bench, run, seed),
+        "batch": training.batch,
+        "seed": seed,
+        "digest": describe(bench.data)["digest"],
+    }
+    weights = yolo.train({"train": train_set, "val": val_set}, folder, settings, device)
+    made_from = source_digest(weights, bench.data)
+    pnp = PnPPose(model.classes)
+    pnp.learn(read_annotations(train_set))
+    test_set = bench.split("test", run, seed)
+    answer = None
+    frames_of = {}
+    for hypothesis in run.hypotheses:
+        path = folder / f"test-{hypothesis}.npz"
+        frames = read_npz(path, made_from)
+        if frames is None:
+            if answer is None:
+                pictures = (items["image"] for items in batches_of(test_set, BATCH))
+                answer = yolo.detect(weights, pictures, model.classes, device)
+            pnp.hypothesis = hypothesis
+            frames = detector_errors(answer, test_set, pnp)
+            write_npz(path, frames, made_from)
+        frames_of[run.row_name(hypothesis)] = frames
+    record = {
+        "method": run.method,
+        "variant": None,
+        "seed": seed,
+        **yolo.training_record(folder),
+        "changes": {},
+        "hardware": hardware(training),
+    }
+    return frames_of, record
+
+
+def detector_errors(answer: dict[str, torch.Tensor], dataset: FrameDataset, pnp: PnPPose) -> Frames:
+    """Errors of every frame of a data set: a detector's `answer` (see `yolo.detect`), then PnP."""
+    truth = read_annotations(dataset)
+    pixels = from_crop(answer["keypoints"], truth["square"])
+    pixels[~answer["detected"]] = torch.nan  # to which PnP answers with its constant
+    output = {**answer, **pnp(pixels, truth["label"], truth["K"])}
+    # Only the width of the pictures is read; one stands for all.
+    return frame_errors(output, {**truth, "image": dataset[0]["image"][None]})
+
+
+# --- what is kept of DroneKey++ ---------------------------------------------------------------------------
+
+
+def keep_checkpoint(bench: Bench, run: Run, seed: int) -> None:
+    """Write the run's best network as float16, and its curve, to data_samples/checkpoint."""
+    folder = bench.root / "data_samples" / "checkpoint"
+    run.network.from_pretrained(bench.train(run, seed)).save_pretrained(folder, half=True)
+    write_beside(folder / METRICS, (bench.folder(run, seed) / METRICS).read_bytes())
+
+
+def keep_flights(bench: Bench, run: Run, seed: int) -> None:
+    """Write what that network says of every validation and test flight, and the truth, for smoothing.
+
+    data_samples/results/flights.npz holds SPLIT/NAME: subsequence, frame, label, predicted (F,) · rotvec, t
+    and true_rotvec, true_t (F, 3) · and of the keypoints, all (F,) in crop units, their error keypoint_units
+    and two signs of doubt: layer_spread, see `encoder.layer_spread`, and mirror, see `predict.mirror_doubt`.
+    """
+    path = bench.root / RESULTS / "flights.npz"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    made_from = source_digest(bench.train(run, seed) / WEIGHTS, bench.data)
+    if read_npz(path, made_from) is not None:
+        return
+    network = bench.network(run, seed)
+    arrays: dict[str, np.ndarray] = {}
+    for split in ("val", "test"):
+        frames = bench.measure(run, seed, name=split, split=split)[run.variant]
+        dataset = bench.split(split, run, seed)
+        truth = read_annotations(dataset)
+        values = {name: frames[name] for name in FLIGHT_ARRAYS}
+        values["true_t"] = truth["t"].numpy()
+        values["rotvec"] = Rotation.from_matrix(frames["R"]).as_rotvec()
+        values["mirror"] = mirror_doubts(network, dataset)
+        values["true_rotvec"] = Rotation.from_matrix(truth["R"].numpy()).as_rotvec()
+        for name, value in values.items():
+            arrays[f"{split}/{name}"] = shrink(value)
+    write_npz(path, arrays, made_from)
+
+
+@torch.inference_mode()
+def mirror_doubts(network: PoseNetwork, dataset: FrameDataset) -> np.ndarray:
+    """How far each frame's keypoints move when its crop is mirrored (F,), crop units."""
+    device = next(network.parameters()).device
+    doubts = []
+    for items in batches_of(dataset, BATCH):
+        items = to_device(items, device)
+        image, K, square = items["image"], items["K"], items["square"]
+        keypoints = network(image, K, square)["keypoints"]
+        doubts.append(mirror_doubt(network, image, K, square, keypoints).cpu())
+    return torch.cat(doubts).numpy()
+
+
+def shrink(values: np.ndarray) -> np.ndarray:
+    """The same values in fewer bytes: three digits and small integers are enough for a figure."""
+    if values.dtype.kind == "f":
+        return values.astype(np.float16)
+    if values.dtype.kind == "i":
+        return values.astype(np.int16 if values.max() < 2**15 else np.int32)
+    return values
