@@ -1,18 +1,24 @@
-"""Figures that more than one notebook shows. Every function draws into an axis it is given, and returns it."""
+"""Figures that more than one notebook shows. Every function but `style` draws into an axis and returns it."""
+
+from collections.abc import Sequence
 
 import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Rectangle
+from torch import Tensor
 
 from dronekeypp.camera import project, to_crop
 
-# Okabe–Ito colours, safe for colour-blind readers. One a keypoint: front-left, front-right, rear-right, rear-left.
+# Okabe–Ito colours, which colour-blind readers can tell apart.
+# One for each keypoint: front-left, front-right, rear-right, rear-left.
 KEYPOINT_COLOURS = ("#D55E00", "#E69F00", "#0072B2", "#56B4E9")
 AXIS_COLOURS = ("#D55E00", "#009E73", "#0072B2")  # body x (forward), y (left), z (up)
 KEYPOINT_LABELS = ("front-left", "front-right", "rear-right", "rear-left")
 
 
-def style():
-    """Small, quiet defaults for every figure of the course. Call it once at the top of a notebook."""
+def style() -> None:
+    """Set small, quiet defaults for every figure of the course. Call it once at the top of a notebook."""
     matplotlib.rcParams.update(
         {
             "figure.dpi": 100,
@@ -30,12 +36,12 @@ def style():
     )
 
 
-def show_image(ax, image, title=None):
-    """Show an image without ticks: (H, W, 3) uint8 or float, or a torch tensor (3, H, W) in [0, 1]."""
+def show_image(ax: Axes, image: np.ndarray | Tensor, title: str | None = None) -> Axes:
+    """Show an image without ticks: (H, W, 3) uint8 or float, or a tensor (3, H, W) in [0, 1]."""
     image = np.asarray(image)
     if image.ndim == 3 and image.shape[0] == 3:
         image = image.transpose(1, 2, 0)
-    # Pixel centres at +0.5: the picture covers [0, W] × [0, H], so annotations need no shift.
+    # Pixel centres are at +0.5: the image covers [0, W] × [0, H], so annotations need no shift.
     ax.imshow(image, extent=(0, image.shape[1], image.shape[0], 0))
     ax.set(xticks=[], yticks=[], title=title)
     for spine in ax.spines.values():
@@ -43,51 +49,65 @@ def show_image(ax, image, title=None):
     return ax
 
 
-def draw_keypoints(ax, points, visible=None, marker="o", size=18, labels=False):
-    """Draw four keypoints (4, 2) in the axis' pixels; hollow where `visible` (4,) is false."""
-    for i, (x, y) in enumerate(np.asarray(points)):
-        seen = visible is None or bool(visible[i])
-        face = KEYPOINT_COLOURS[i] if seen else "none"
-        kind = (
-            dict(c=KEYPOINT_COLOURS[i])
-            if marker in ("x", "+")
-            else dict(facecolors=face, edgecolors=KEYPOINT_COLOURS[i])
-        )
-        ax.scatter(
-            x,
-            y,
-            s=size,
-            marker=marker,
-            linewidths=1.2,
-            label=KEYPOINT_LABELS[i] if labels else None,
-            zorder=3,
-            **kind,
-        )
-    return ax
+def draw_keypoints(
+    ax: Axes,
+    points: np.ndarray | Tensor,
+    visible: np.ndarray | Tensor | None = None,
+    marker: str = "o",
+    size: float = 18,
+    labels: bool = False,
+) -> Axes:
+    """Draw four keypoints (4, 2) in the pixels of the axis.
 
-
-def draw_box(ax, box, colour="white"):
-    """Draw a box (x, y, w, h)."""
-    ax.add_patch(
-        matplotlib.patches.Rectangle(box[:2], box[2], box[3], fill=False, edgecolor=colour, linewidth=1)
-    )
-    return ax
-
-
-def draw_axes(ax, R, t, K, square=None, size=None, length=0.15):
-    """Draw the body axes of a pose: x forward (orange), y left (green), z up (blue), each `length` metres.
-
-    Full-frame pixels, or with `square` (x, y, side) and `size` the pixels of that crop.
+    A keypoint is drawn hollow where `visible` (4,) is false. With `labels` the keypoints have legend entries.
     """
-    R, t, K = (np.asarray(v, dtype=float) for v in (R, t, K))
-    tips = project(np.concatenate([np.zeros((1, 3)), length * np.eye(3)]) @ R.T + t, K)
+    for i, (x, y) in enumerate(np.asarray(points)):
+        colour = KEYPOINT_COLOURS[i]
+        if marker in ("x", "+"):  # these markers have no face
+            colours = {"c": colour}
+        else:
+            is_visible = visible is None or bool(visible[i])
+            colours = {"facecolors": colour if is_visible else "none", "edgecolors": colour}
+        label = KEYPOINT_LABELS[i] if labels else None
+        ax.scatter(x, y, s=size, marker=marker, linewidths=1.2, label=label, zorder=3, **colours)
+    return ax
+
+
+def draw_box(ax: Axes, box: Sequence[float] | np.ndarray, colour: str = "white") -> Axes:
+    """Draw a box (x, y, width, height) in the pixels of the axis."""
+    x, y, width, height = box
+    ax.add_patch(Rectangle((x, y), width, height, fill=False, edgecolor=colour, linewidth=1))
+    return ax
+
+
+def draw_axes(
+    ax: Axes,
+    R: np.ndarray | Tensor,
+    t: np.ndarray | Tensor,
+    K: np.ndarray | Tensor,
+    square: np.ndarray | Tensor | None = None,
+    size: float | None = None,
+    length: float = 0.15,
+) -> Axes:
+    """Draw the body axes of a pose: x forward (orange), y left (green), z up (blue).
+
+    Args:
+        ax: shows the full frame, or the crop if `square` is given.
+        R: (3, 3), from body to camera axes.
+        t: (3,), metres in camera axes.
+        K: (3, 3), the camera matrix of the full frame.
+        square: (x, y, side) of the crop in full-frame pixels, or None for the full frame.
+        size: the side of the crop in pixels of the axis; needed with `square`.
+        length: the length of an axis in metres.
+    """
+    R = np.asarray(R, dtype=float)
+    t = np.asarray(t, dtype=float)
+    K = np.asarray(K, dtype=float)
+    ends = np.concatenate([np.zeros((1, 3)), length * np.eye(3)])  # (4, 3): the origin and the three tips
+    pixels = project(ends @ R.T + t, K)  # (4, 2)
     if square is not None:
-        tips = to_crop(tips, np.asarray(square, dtype=float)) * size
-    for tip, colour in zip(tips[1:], AXIS_COLOURS, strict=True):
-        ax.annotate(
-            "",
-            tip,
-            tips[0],
-            arrowprops=dict(arrowstyle="-|>", color=colour, linewidth=1.6, shrinkA=0, shrinkB=0),
-        )
+        pixels = to_crop(pixels, np.asarray(square, dtype=float)) * size
+    arrow = {"arrowstyle": "-|>", "linewidth": 1.6, "shrinkA": 0, "shrinkB": 0}
+    for tip, colour in zip(pixels[1:], AXIS_COLOURS, strict=True):
+        ax.annotate("", tip, pixels[0], arrowprops=arrow | {"color": colour})
     return ax

@@ -4,52 +4,112 @@ import math
 
 import numpy as np
 import torch
+from torch import Tensor
 from torch.nn import functional
 
-from dronekeypp.checks import Exercise
+from dronekeypp.checks import Exercise, Mistake
 from dronekeypp.sixdronesyn.drones import DRONES
 
-
-def extreme_logits(rng):
-    """logits (6, 7), label (6,): rows far from zero, where exp overflows, and one truth that is nearly ruled out, where exp is 0."""
-    logits, label = 2 * rng.normal(size=(6, 7)), rng.integers(0, 7, 6)
-    logits[:3] += rng.uniform(800, 1500, (3, 1))
-    logits[3:, 0] += 3  # so that the rows do not share a likeliest class by chance
-    label[4] = 1 + (logits[4, 1:]).argmin()
-    logits[4, label[4]] -= rng.uniform(800, 1200)
-    return torch.tensor(logits), torch.tensor(label)
+# --- confusion_shares ---
 
 
-def naive_cross_entropy(logits, label):
-    powers = logits.exp()
-    return -(powers / powers.sum(dim=1, keepdim=True))[range(len(label)), label].log().mean()
-
-
-def negative_log_likelihood(logits, label, dim=1):
-    return -torch.log_softmax(logits, dim=dim)[range(len(label)), label]
-
-
-def labels_and_answers(rng):
-    """label (90,), answer (90,), number of classes 5; every class is there and is answered."""
+def labels_and_answers(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, int]:
+    """Draw label (90,), answer (90,), and return the number of classes, 5. Both hold every class."""
     label = np.concatenate([np.arange(5), rng.choice(5, 85, p=rng.dirichlet(4 * np.ones(5)))])
     answer = np.where(rng.random(90) < 0.6, label, rng.integers(0, 5, 90))
     answer[:5] = np.arange(5)
     return label, answer, 5
 
 
-def counts(label, answer, classes):
-    matrix = np.zeros((classes, classes))
-    np.add.at(matrix, (label, answer), 1)
-    return matrix
+def confusion_counts(label: np.ndarray, answer: np.ndarray, classes: int) -> np.ndarray:
+    """Count the pairs of true class (row) and answer (column)."""
+    counts = np.zeros((classes, classes))
+    np.add.at(counts, (label, answer), 1)
+    return counts
 
 
-def confusion_shares(label, answer, classes):
-    matrix = counts(label, answer, classes)
-    return matrix / matrix.sum(axis=1, keepdims=True)
+def confusion_shares(label: np.ndarray, answer: np.ndarray, classes: int) -> np.ndarray:
+    """Solve the exercise: the confusion matrix (classes, classes), in which every row sums to 1."""
+    counts = confusion_counts(label, answer, classes)
+    return counts / counts.sum(axis=1, keepdims=True)
 
 
-def probabilities(rng):
-    """probs (400, 7), label (400,), bins: right in under half of the frames however sure: sure answers are too sure, unsure ones too modest."""
+def divides_by_all_frames(label: np.ndarray, answer: np.ndarray, classes: int) -> np.ndarray:
+    return confusion_counts(label, answer, classes) / len(label)
+
+
+def divides_columns(label: np.ndarray, answer: np.ndarray, classes: int) -> np.ndarray:
+    counts = confusion_counts(label, answer, classes)
+    return counts / counts.sum(axis=0)
+
+
+# --- stable_cross_entropy ---
+
+
+def extreme_logits(rng: np.random.Generator) -> tuple[Tensor, Tensor]:
+    """Draw logits (6, 7) and label (6,).
+
+    In rows 0 to 2 the logits are so large that exp overflows. In row 4 the probability of the label is so
+    small that it rounds to 0.
+    """
+    logits, label = 2 * rng.normal(size=(6, 7)), rng.integers(0, 7, 6)
+    logits[:3] += rng.uniform(800, 1500, (3, 1))
+    logits[3:, 0] += 3  # makes class 0 the likeliest answer in these rows
+    label[4] = 1 + (logits[4, 1:]).argmin()
+    logits[4, label[4]] -= rng.uniform(800, 1200)
+    return torch.tensor(logits), torch.tensor(label)
+
+
+def exp_overflows(logits: Tensor, label: Tensor) -> Tensor:
+    powers = logits.exp()
+    return -(powers / powers.sum(dim=1, keepdim=True))[range(len(label)), label].log().mean()
+
+
+def log_of_softmax(logits: Tensor, label: Tensor) -> Tensor:
+    return -torch.softmax(logits, dim=1)[range(len(label)), label].log().mean()
+
+
+def cross_entropies(logits: Tensor, label: Tensor, dim: int = 1) -> Tensor:
+    """Return the cross-entropy of each row, (B,), in nats."""
+    return -torch.log_softmax(logits, dim=dim)[range(len(label)), label]
+
+
+def uses_answer_as_label(logits: Tensor, label: Tensor) -> Tensor:
+    return cross_entropies(logits, logits.argmax(dim=1)).mean()
+
+
+# --- hedged_size ---
+
+
+def probabilities_and_sizes(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Draw probs (7,) and sizes (7,), metres."""
+    probs = rng.dirichlet(np.ones(7))
+    wheelbases = np.array([drone.wheelbase for drone in DRONES.values()])
+    return probs, wheelbases * rng.uniform(0.8, 1.2, 7)
+
+
+def hedged_size(probs: np.ndarray, sizes: np.ndarray) -> float:
+    """Solve the exercise: the size in metres with the smallest expected squared relative error."""
+    return (probs / sizes).sum() / (probs / sizes**2).sum()
+
+
+def ignores_probabilities(probs: np.ndarray, sizes: np.ndarray) -> float:
+    return (1 / sizes).sum() / (1 / sizes**2).sum()
+
+
+def error_relative_to_guess(probs: np.ndarray, sizes: np.ndarray) -> float:
+    return (probs * sizes**2).sum() / (probs * sizes).sum()
+
+
+# --- calibration_error ---
+
+
+def probabilities_and_labels(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, int]:
+    """Draw probs (400, 7), label (400,) and the number of bins.
+
+    The share of right answers is the same at any confidence. So confident answers are too confident, and
+    unsure answers are too unsure.
+    """
     z = rng.normal(size=(400, 7)) * rng.uniform(0.3, 4, (400, 1))
     probs = np.exp(z) / np.exp(z).sum(axis=1, keepdims=True)
     answer = probs.argmax(axis=1)
@@ -57,122 +117,177 @@ def probabilities(rng):
     return probs, label, int(rng.choice([5, 8, 10]))
 
 
-def gaps(probs, label, bins, sure=None, signed=False):
-    """Of every bin that is not empty: accuracy minus confidence, and the bin's share of the frames."""
-    sure = probs.max(axis=1) if sure is None else sure
+def bin_gaps(
+    probs: np.ndarray, label: np.ndarray, bins: int, confidence: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Compare accuracy and confidence in each bin that is not empty.
+
+    Args:
+        probs: (n, C) probabilities.
+        label: (n,) true classes.
+        bins: the number of bins between 0 and 1.
+        confidence: (n,); None takes the probability of the answer.
+
+    Returns:
+        Accuracy minus mean confidence of each bin, and the share of the frames in each bin.
+    """
+    if confidence is None:
+        confidence = probs.max(axis=1)
     right = probs.argmax(axis=1) == label
-    which = np.minimum((sure * bins).astype(int), bins - 1)
-    used = np.unique(which)
-    gap = np.array([right[which == b].mean() - sure[which == b].mean() for b in used])
-    return gap if signed else np.abs(gap), np.array([(which == b).mean() for b in used])
+    bin_index = np.minimum((confidence * bins).astype(int), bins - 1)
+    gaps, shares = [], []
+    for index in np.unique(bin_index):
+        in_bin = bin_index == index
+        gaps.append(right[in_bin].mean() - confidence[in_bin].mean())
+        shares.append(in_bin.mean())
+    return np.array(gaps), np.array(shares)
 
 
-def calibration_error(*given, **options):
-    gap, share = gaps(*given, **options)
-    return gap @ share
+def calibration_error(probs: np.ndarray, label: np.ndarray, bins: int) -> float:
+    """Solve the exercise: the expected calibration error, between 0 and 1."""
+    gaps, shares = bin_gaps(probs, label, bins)
+    return np.abs(gaps) @ shares
 
 
-def truth_probability(probs, label, bins):
-    return calibration_error(probs, label, bins, sure=probs[np.arange(len(label)), label])
+def same_weight_for_all_bins(probs: np.ndarray, label: np.ndarray, bins: int) -> float:
+    return np.abs(bin_gaps(probs, label, bins)[0]).mean()
 
 
-def believed_wheelbases(rng):
-    """probs (7,), wheelbases (7,) m."""
-    return rng.dirichlet(np.ones(7)), np.array([drone.wheelbase for drone in DRONES.values()]) * rng.uniform(
-        0.8, 1.2, 7
-    )
+def signed_gaps(probs: np.ndarray, label: np.ndarray, bins: int) -> float:
+    gaps, shares = bin_gaps(probs, label, bins)
+    return gaps @ shares
+
+
+def probability_of_label(probs: np.ndarray, label: np.ndarray, bins: int) -> float:
+    confidence = probs[np.arange(len(label)), label]
+    gaps, shares = bin_gaps(probs, label, bins, confidence)
+    return np.abs(gaps) @ shares
+
+
+def compares_single_frames(probs: np.ndarray, label: np.ndarray, bins: int) -> float:
+    right = probs.argmax(axis=1) == label
+    return np.abs(right - probs.max(axis=1)).mean()
+
+
+def largest_gap(probs: np.ndarray, label: np.ndarray, bins: int) -> float:
+    return np.abs(bin_gaps(probs, label, bins)[0]).max()
 
 
 EXERCISES = [
     Exercise(
-        "confusion_shares",
-        confusion_shares,
-        labels_and_answers,
-        {
-            "these are counts; divide each row by its sum": counts,
-            "rows and columns are swapped: the row is the true class": lambda *given: (
-                confusion_shares(*given).T
+        name="confusion_shares",
+        solution=confusion_shares,
+        inputs=labels_and_answers,
+        mistakes=[
+            Mistake("These are counts. Divide each row by its sum.", confusion_counts),
+            Mistake(
+                "Rows and columns are swapped. The row is the true class.",
+                lambda *inputs: confusion_shares(*inputs).T,
             ),
-            "you divided by the number of all frames; divide each row by its own sum": lambda *given: (
-                counts(*given) / len(given[0])
+            Mistake(
+                "You divided by the number of all frames. Divide each row by its own sum.",
+                divides_by_all_frames,
             ),
-            "your columns sum to 1; divide each row by its own sum": lambda *given: (
-                counts(*given) / counts(*given).sum(axis=0)
+            Mistake("Your columns sum to 1. Divide each row by its own sum.", divides_columns),
+            Mistake(
+                "Your rows are the answers. The row is the true class.",
+                lambda label, answer, classes: confusion_shares(answer, label, classes),
             ),
-            "rows are the answer here; the row is the true class": lambda label, answer, classes: (
-                confusion_shares(answer, label, classes)
-            ),
-        },
+        ],
     ),
     Exercise(
-        "stable_cross_entropy",
-        functional.cross_entropy,
-        extreme_logits,
-        {
-            "exp overflows here: take each row's largest logit away first, the softmax stays the same": naive_cross_entropy,
-            "a probability became 0, its log infinite: work with logits and log-sum-exp, not with log(softmax)": (
-                lambda logits, label: -torch.softmax(logits, dim=1)[range(len(label)), label].log().mean()
+        name="stable_cross_entropy",
+        solution=functional.cross_entropy,
+        inputs=extreme_logits,
+        mistakes=[
+            Mistake(
+                "exp overflows. First subtract the largest logit of each row: the softmax stays the same.",
+                exp_overflows,
             ),
-            "this is the sum over the batch; take the mean": lambda *given: negative_log_likelihood(
-                *given
-            ).sum(),
-            "one number, please: the mean over the batch": negative_log_likelihood,
-            "the sign is wrong: a log of a probability is negative, the loss is positive": lambda *given: (
-                -negative_log_likelihood(*given).mean()
+            Mistake(
+                "A probability rounded to 0, and its log is infinite. Use log-sum-exp, not log(softmax).",
+                log_of_softmax,
             ),
-            "this is in bits; take the natural logarithm": lambda *given: (
-                negative_log_likelihood(*given).mean() / math.log(2)
+            Mistake(
+                "This is the sum over the batch. Take the mean.",
+                lambda *inputs: cross_entropies(*inputs).sum(),
             ),
-            "softmax over the wrong dimension: over the classes, not over the batch": lambda *given: (
-                negative_log_likelihood(*given, dim=0).mean()
+            Mistake("Return one number, the mean over the batch.", cross_entropies),
+            Mistake(
+                "The sign is wrong. The log of a probability is negative, but the loss is positive.",
+                lambda *inputs: -cross_entropies(*inputs).mean(),
             ),
-            "you used the answer (the largest logit) for the truth; take the label's": (
-                lambda logits, label: negative_log_likelihood(logits, logits.argmax(dim=1)).mean()
+            Mistake(
+                "The unit of this loss is bits. Take the natural logarithm.",
+                lambda *inputs: cross_entropies(*inputs).mean() / math.log(2),
             ),
-        },
+            Mistake(
+                "The softmax runs over the wrong dimension. It runs over the classes, not over the batch.",
+                lambda *inputs: cross_entropies(*inputs, dim=0).mean(),
+            ),
+            Mistake(
+                "You took the probability of the answer (the largest logit). Take that of the label.",
+                uses_answer_as_label,
+            ),
+        ],
     ),
     Exercise(
-        "hedged_size",
-        lambda probs, sizes: (probs / sizes).sum() / (probs / sizes**2).sum(),
-        believed_wheelbases,
-        {
-            "this is the mean size: best for squared metres, not for squared per cent": lambda probs, sizes: (
-                probs @ sizes
+        name="hedged_size",
+        solution=hedged_size,
+        inputs=probabilities_and_sizes,
+        mistakes=[
+            Mistake(
+                "This is the mean size. It is best for squared metres, but not for squared per cent.",
+                lambda probs, sizes: probs @ sizes,
             ),
-            "this is the likeliest class's size; it does not hedge": lambda probs, sizes: sizes[
-                probs.argmax()
-            ],
-            "this is the harmonic mean; set the derivative of the sum of p (D / D_c - 1)² to zero": lambda probs, sizes: (
-                1 / (probs / sizes).sum()
+            Mistake(
+                "This is the size of the likeliest class. It ignores the other classes.",
+                lambda probs, sizes: sizes[probs.argmax()],
             ),
-            "every term needs its probability": lambda probs, sizes: (1 / sizes).sum() / (1 / sizes**2).sum(),
-            "upside down": lambda probs, sizes: (probs / sizes**2).sum() / (probs / sizes).sum(),
-            "this minimises the error relative to the guess, D_c / D - 1; divide by the true size": (
-                lambda probs, sizes: (probs * sizes**2).sum() / (probs * sizes).sum()
+            Mistake(
+                "This is the harmonic mean. Set the derivative of the sum of p (D / D_c - 1)² to zero.",
+                lambda probs, sizes: 1 / (probs / sizes).sum(),
             ),
-        },
+            Mistake("The probabilities are missing. Multiply each term by its own.", ignores_probabilities),
+            Mistake(
+                "Numerator and denominator are swapped.",
+                lambda probs, sizes: 1 / hedged_size(probs, sizes),
+            ),
+            Mistake(
+                "This minimises D_c / D - 1, the error relative to the guess. Divide by the true size D_c.",
+                error_relative_to_guess,
+            ),
+        ],
     ),
     Exercise(
-        "calibration_error",
-        calibration_error,
-        probabilities,
-        {
-            "weigh each bin with its share of the frames; you gave all bins the same weight": lambda *given: (
-                gaps(*given)[0].mean()
+        name="calibration_error",
+        solution=calibration_error,
+        inputs=probabilities_and_labels,
+        mistakes=[
+            Mistake(
+                "You gave all bins the same weight. Weight each bin with its share of the frames.",
+                same_weight_for_all_bins,
             ),
-            "too sure and too modest cancel out here; take each bin's absolute difference": lambda *given: (
-                calibration_error(*given, signed=True)
+            Mistake(
+                "Positive and negative differences cancel here. Take the absolute difference of each bin.",
+                signed_gaps,
             ),
-            "this is how much too sure the network is overall; take the absolute difference in each bin, then the weighted mean": (
-                lambda *given: -calibration_error(*given, signed=True)
+            Mistake(
+                "You averaged confidence minus accuracy. Take the absolute difference in each bin.",
+                lambda *inputs: -signed_gaps(*inputs),
             ),
-            "confidence is the probability of the answer, the largest; you took that of the truth": truth_probability,
-            "you compare frame by frame; average confidence and rightness in each bin first": (
-                lambda probs, label, bins: np.abs((probs.argmax(axis=1) == label) - probs.max(axis=1)).mean()
+            Mistake(
+                "The confidence is the probability of the answer, the largest. You took that of the label.",
+                probability_of_label,
             ),
-            "this is the largest gap of a bin; take the mean, weighted with the bins' shares of the frames": lambda *given: (
-                gaps(*given)[0].max()
+            Mistake(
+                "You compare single frames. First average confidence and right answers in each bin.",
+                compares_single_frames,
             ),
-        },
+            Mistake(
+                "This is the largest difference of a bin. Take the weighted mean over the bins.",
+                largest_gap,
+            ),
+        ],
     ),
 ]

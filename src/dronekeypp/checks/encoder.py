@@ -1,220 +1,353 @@
 """Exercises of notebook 03, the keypoint encoder."""
 
 import math
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from dronekeypp import camera
-from dronekeypp.checks import Exercise
+from dronekeypp.checks import Exercise, Mistake
+
+Layer = tuple[int, int, int]  # window, stride and dilation of a convolution
 
 
-def tensor(array):
+def float_tensor(array: np.ndarray) -> Tensor:
+    """Return a copy as a tensor of 32-bit floats."""
     return torch.tensor(array, dtype=torch.float32)
 
 
-def some_tokens(rng):
-    """tokens (5,) as the encoder counts them, [cls] being 0; cells along a side; square (3,)."""
+# --- token_pixels ---
+
+
+def tokens_and_square(rng: np.random.Generator) -> tuple[np.ndarray, int, np.ndarray]:
+    """Draw the numbers of image tokens (5,), the cells along a side, and the crop's square (3,) in pixels."""
     side = int(rng.integers(5, 9))
     return rng.integers(1, side**2, 5), side, np.array([*rng.uniform(100, 900, 2), rng.uniform(60, 400)])
 
 
-def token_pixels(tokens, side, square, cls=1, half=0.5, swap=False):
-    """The solution, and with other arguments the mistakes."""
-    row, column = np.divmod(np.asarray(tokens) - cls, side)
-    cells = np.stack([row, column] if swap else [column, row], axis=1)  # (n, 2): x, y
-    return camera.from_crop((cells + half) / side, square)
+def token_pixels(
+    tokens: np.ndarray,
+    side: int,
+    square: np.ndarray,
+    *,
+    cls_tokens: int = 1,
+    half_cell: float = 0.5,
+    swaps_xy: bool = False,
+) -> np.ndarray:
+    """Solve the exercise: the middles (n, 2) of the cells in full-frame pixels. Options make mistakes."""
+    row, column = np.divmod(np.asarray(tokens) - cls_tokens, side)
+    cells = np.stack([row, column] if swaps_xy else [column, row], axis=1)  # (n, 2): x, y
+    return camera.from_crop((cells + half_cell) / side, square)
 
 
-def queries_keys_values(rng):
-    """q, k, v (7, 4), heard (7,) bool: two of the seven tokens are padding."""
-    heard = torch.ones(7, dtype=torch.bool)
-    heard[rng.choice(7, 2, replace=False)] = False
-    return *(tensor(1.5 * rng.normal(size=(7, 4))) for _ in range(3)), heard
+def half_a_pixel(tokens: np.ndarray, side: int, square: np.ndarray) -> np.ndarray:
+    return token_pixels(tokens, side, square, half_cell=0) + 0.5
 
 
-def masked_attention(q, k, v, heard, scale=math.sqrt, dim=-1, silent=-math.inf, rows=False):
-    """The solution, and with other arguments the mistakes."""
-    scores = q @ k.T / scale(q.shape[1])
-    scores = scores.masked_fill(~(heard[:, None] if rows else heard[None, :]), silent)
-    return torch.softmax(scores, dim=dim) @ v
+def crop_units(tokens: np.ndarray, side: int, square: np.ndarray) -> np.ndarray:
+    return token_pixels(tokens, side, np.array([0, 0, 1.0]))
 
 
-def unmasked_weights(q, k):
-    return torch.softmax(q @ k.T / math.sqrt(q.shape[1]), dim=-1)
+# --- receptive_field ---
 
 
-def layer_outputs(rng):
-    """x (3, 17, 16) with [cls] first and loud, W (8, 16), b (8,), W_g (3, 16); as many cells as channels, so that dimensions can be mixed up."""
-    x, W = rng.normal(size=(3, 17, 16)), 0.4 * rng.normal(size=(8, 16))
-    x[:, 0] *= 3
-    W -= W.mean(
-        axis=1, keepdims=True
-    )  # maxima are all near 2: without it the three layers would nearly agree
-    b = rng.uniform(0.3, 0.7, 8)
-    b[rng.integers(8)] = -5  # one number that only the ReLU keeps from being negative
-    return tensor(x), tensor(W), tensor(b), tensor(0.1 * rng.normal(size=(3, 16)))
-
-
-def softmax(scores):
-    return torch.softmax(scores, dim=0)
-
-
-def gated_keypoints(
-    x, W, b, Wg, cls=1, pool=lambda x: x.amax(dim=1), gate_from=-1, gate=softmax, relu="after", fold=None
-):
-    """The solution, and with other arguments the mistakes."""
-    ir = pool(x[:, cls:])  # (N, d)
-    cr = ir @ W.T + b  # (N, 8)
-    cr = cr.unflatten(1, (2, 4)).transpose(1, 2) if fold == "xy" else cr.unflatten(1, (4, 2))  # (N, 4, 2)
-    if relu == "before":
-        cr = torch.relu(cr)
-    y = (gate(Wg @ ir[gate_from])[:, None, None] * cr).sum(dim=0)
-    return torch.relu(y) if relu == "after" else y
-
-
-def convolution_stack(rng):
-    """layers [(window, stride, dilation), ...]."""
+def convolutions(rng: np.random.Generator) -> tuple[list[Layer]]:
+    """Draw a list of four to six convolutions."""
     n = int(rng.integers(4, 7))
     strides = [2, *rng.choice([1, 2], n - 2).tolist(), 2]
     dilations = [1, *rng.choice([1, 2], n - 2).tolist(), 2]
-    return (list(zip(rng.choice([3, 5, 7], n).tolist(), strides, dilations, strict=True)),)
+    windows = rng.choice([3, 5, 7], n).tolist()
+    return (list(zip(windows, strides, dilations, strict=True)),)
+
+
+def window_gaps(window: int, dilation: int) -> int:
+    """Return by how many input cells a window is longer than one cell."""
+    return (window - 1) * dilation
+
+
+def gaps_without_dilation(window: int, dilation: int) -> int:
+    return window - 1
+
+
+def one_gap_too_many(window: int, dilation: int) -> int:
+    return window * dilation
+
+
+def dilated_window_too_wide(window: int, dilation: int) -> int:
+    return window * dilation - 1
 
 
 def receptive_field(
-    layers,
-    reach=lambda k, dilation: (k - 1) * dilation,
-    jump_first=False,
-    jump=lambda j, s: j * s,
-    with_jump=True,
-):
-    """The solution, and with other arguments the mistakes."""
-    r, j = 1, 1
-    for k, s, dilation in layers:
-        step = jump(j, s)
-        r += reach(k, dilation) * ((step if jump_first else j) if with_jump else 1)
-        j = step
-    return r, j
+    layers: list[Layer],
+    *,
+    gaps: Callable[[int, int], int] = window_gaps,
+    updates_jump_first: bool = False,
+    adds_strides: bool = False,
+    multiplies_by_jump: bool = True,
+) -> tuple[int, int]:
+    """Solve the exercise: the receptive field and the jump in pixels. Other options make mistakes."""
+    field, jump = 1, 1
+    for window, stride, dilation in layers:
+        new_jump = jump + stride if adds_strides else jump * stride
+        gap_length = new_jump if updates_jump_first else jump
+        if not multiplies_by_jump:
+            gap_length = 1
+        field += gaps(window, dilation) * gap_length
+        jump = new_jump
+    return field, jump
+
+
+# --- masked_attention ---
+
+
+def queries_keys_values(rng: np.random.Generator) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Draw q, k, v (7, 4), and heard (7,) bool, which is False for the two tokens that are padding."""
+    heard = torch.ones(7, dtype=torch.bool)
+    heard[rng.choice(7, 2, replace=False)] = False
+    q = float_tensor(1.5 * rng.normal(size=(7, 4)))
+    k = float_tensor(1.5 * rng.normal(size=(7, 4)))
+    v = float_tensor(1.5 * rng.normal(size=(7, 4)))
+    return q, k, v, heard
+
+
+def masked_attention(
+    q: Tensor,
+    k: Tensor,
+    v: Tensor,
+    heard: Tensor,
+    *,
+    scale_power: float = 0.5,
+    softmax_dim: int = -1,
+    silent_score: float = -math.inf,
+    masks_rows: bool = False,
+) -> Tensor:
+    """Solve the exercise: the mixed values (T, d). Other options make mistakes."""
+    scores = q @ k.T / q.shape[1] ** scale_power  # (T, T)
+    silent = ~heard[:, None] if masks_rows else ~heard[None, :]
+    scores = scores.masked_fill(silent, silent_score)
+    return torch.softmax(scores, dim=softmax_dim) @ v
+
+
+def unmasked_weights(q: Tensor, k: Tensor) -> Tensor:
+    """Return the attention weights (T, T) without a mask."""
+    return torch.softmax(q @ k.T / math.sqrt(q.shape[1]), dim=-1)
+
+
+def forgets_mask(q: Tensor, k: Tensor, v: Tensor, heard: Tensor) -> Tensor:
+    return unmasked_weights(q, k) @ v
+
+
+def masks_after_softmax(q: Tensor, k: Tensor, v: Tensor, heard: Tensor) -> Tensor:
+    return (unmasked_weights(q, k) * heard) @ v
+
+
+# --- gated_keypoints ---
+
+
+def layer_outputs(rng: np.random.Generator) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Draw x (3, 17, 16) with [cls] first, W (8, 16), b (8,) and Wg (3, 16).
+
+    A map has as many cells as channels, so a maximum over the wrong dimension has the right shape. [cls] has
+    large numbers, so it shows in a maximum.
+    """
+    x, W = rng.normal(size=(3, 17, 16)), 0.4 * rng.normal(size=(8, 16))
+    x[:, 0] *= 3
+    # All maxima are near 2. Without this line the three layers would give nearly the same keypoints.
+    W -= W.mean(axis=1, keepdims=True)
+    b = rng.uniform(0.3, 0.7, 8)
+    b[rng.integers(8)] = -5  # makes one number negative, so that the ReLU changes something
+    return float_tensor(x), float_tensor(W), float_tensor(b), float_tensor(0.1 * rng.normal(size=(3, 16)))
+
+
+def maximum_over_tokens(x: Tensor) -> Tensor:
+    return x.amax(dim=1)
+
+
+def maximum_over_channels(x: Tensor) -> Tensor:
+    return x.amax(dim=2)
+
+
+def mean_over_tokens(x: Tensor) -> Tensor:
+    return x.mean(dim=1)
+
+
+def softmax_gate(scores: Tensor) -> Tensor:
+    return torch.softmax(scores, dim=0)
+
+
+def gate_without_softmax(scores: Tensor) -> Tensor:
+    return scores
+
+
+def equal_weights(scores: Tensor) -> Tensor:
+    return torch.ones_like(scores) / len(scores)
+
+
+def gated_keypoints(
+    x: Tensor,
+    W: Tensor,
+    b: Tensor,
+    Wg: Tensor,
+    *,
+    cls_tokens: int = 1,
+    pool: Callable[[Tensor], Tensor] = maximum_over_tokens,
+    gate_layer: int = -1,
+    gate: Callable[[Tensor], Tensor] = softmax_gate,
+    relu: str | None = "after",
+    x_before_y: bool = False,
+) -> Tensor:
+    """Solve the exercise: the keypoints (4, 2) of Eq. 2 to 4. Other options make mistakes."""
+    ir = pool(x[:, cls_tokens:])  # (N, d)
+    cr = ir @ W.T + b  # (N, 8)
+    if x_before_y:
+        cr = cr.unflatten(1, (2, 4)).transpose(1, 2)
+    else:
+        cr = cr.unflatten(1, (4, 2))  # (N, 4, 2)
+    if relu == "before":
+        cr = torch.relu(cr)
+    y = (gate(Wg @ ir[gate_layer])[:, None, None] * cr).sum(dim=0)  # (4, 2)
+    return torch.relu(y) if relu == "after" else y
 
 
 EXERCISES = [
     Exercise(
-        "token_pixels",
-        token_pixels,
-        some_tokens,
-        {
-            "one cell off: token 0 is [cls], the cells begin at 1": lambda *given: token_pixels(
-                *given, cls=0
+        name="token_pixels",
+        solution=token_pixels,
+        inputs=tokens_and_square,
+        mistakes=[
+            Mistake(
+                "You are one cell off. Token 0 is [cls], so the cells begin at 1.",
+                partial(token_pixels, cls_tokens=0),
             ),
-            "this is the cell's corner; its middle is half a cell further": lambda *given: token_pixels(
-                *given, half=0
+            Mistake(
+                "This is the corner of the cell. Its middle is half a cell further.",
+                partial(token_pixels, half_cell=0),
             ),
-            "[cls] is forgotten, and this is the cell's corner, not its middle": lambda *given: token_pixels(
-                *given, cls=0, half=0
+            Mistake(
+                "Token 0 is [cls], so the cells begin at 1. And this is the cell's corner, not its middle.",
+                partial(token_pixels, cls_tokens=0, half_cell=0),
             ),
-            "x and y are swapped: the row counts down (y), the column to the right (x)": lambda *given: (
-                token_pixels(*given, swap=True)
+            Mistake(
+                "x and y are swapped. The row counts downwards (y), the column to the right (x).",
+                partial(token_pixels, swaps_xy=True),
             ),
-            "half a pixel is not half a cell: add 0.5 before dividing by the number of cells": (
-                lambda tokens, side, square: token_pixels(tokens, side, square, half=0) + 0.5
+            Mistake(
+                "You added half a pixel instead of half a cell. Add 0.5 before you divide by `side`.",
+                half_a_pixel,
             ),
-            "these are crop units; the square (x, y, side) brings them to the frame": (
-                lambda tokens, side, square: token_pixels(tokens, side, np.array([0, 0, 1.0]))
+            Mistake("These are crop units. Use the square to turn them into frame pixels.", crop_units),
+            Mistake(
+                "You did not add the corner of the square.",
+                lambda tokens, side, square: token_pixels(tokens, side, square) - square[:2],
             ),
-            "you forgot the corner of the square": lambda tokens, side, square: (
-                token_pixels(tokens, side, square) - square[:2]
-            ),
-        },
+        ],
     ),
     Exercise(
-        "receptive_field",
-        receptive_field,
-        convolution_stack,
-        {
-            "a layer's window is still counted in its input's jump; update the jump afterwards": (
-                lambda layers: receptive_field(layers, jump_first=True)
+        name="receptive_field",
+        solution=receptive_field,
+        inputs=convolutions,
+        mistakes=[
+            Mistake(
+                "Count the window of a layer with the jump of its input. Update the jump afterwards.",
+                partial(receptive_field, updates_jump_first=True),
             ),
-            "you left out the dilation": lambda layers: receptive_field(
-                layers, reach=lambda k, dilation: k - 1
+            Mistake("The dilation is missing.", partial(receptive_field, gaps=gaps_without_dilation)),
+            Mistake(
+                "A window of k has k - 1 gaps, not k.",
+                partial(receptive_field, gaps=one_gap_too_many),
             ),
-            "a window of k reaches k - 1 gaps, not k": lambda layers: receptive_field(
-                layers, reach=lambda k, dilation: k * dilation
+            Mistake(
+                "A dilated window is (k - 1) * dilation + 1 wide, not k * dilation.",
+                partial(receptive_field, gaps=dilated_window_too_wide),
             ),
-            "a dilated window is (k - 1) * dilation + 1 wide, not k * dilation": (
-                lambda layers: receptive_field(layers, reach=lambda k, dilation: k * dilation - 1)
+            Mistake(
+                "In later layers a gap is longer than one pixel. Multiply it by the jump.",
+                partial(receptive_field, multiplies_by_jump=False),
             ),
-            "you add gaps of later layers as if they were one pixel; multiply by the jump": lambda layers: (
-                receptive_field(layers, with_jump=False)
+            Mistake(
+                "The jump is the product of the strides. You added them.",
+                partial(receptive_field, adds_strides=True),
             ),
-            "jumps multiply from layer to layer; you added the strides": lambda layers: receptive_field(
-                layers, jump=lambda j, s: j + s
-            ),
-        },
+        ],
     ),
     Exercise(
-        "masked_attention",
-        masked_attention,
-        queries_keys_values,
-        {
-            "you forgot to divide the scores by the root of d": lambda *given: masked_attention(
-                *given, scale=lambda d: 1
+        name="masked_attention",
+        solution=masked_attention,
+        inputs=queries_keys_values,
+        mistakes=[
+            Mistake(
+                "You did not divide the scores by the root of d.",
+                partial(masked_attention, scale_power=0),
             ),
-            "divide the scores by the root of d, not by d": lambda *given: masked_attention(
-                *given, scale=lambda d: d
+            Mistake(
+                "Divide the scores by the root of d, not by d.",
+                partial(masked_attention, scale_power=1),
             ),
-            "softmax over the wrong dimension: each row, one token's weights, must sum to 1": lambda *given: (
-                masked_attention(*given, dim=0)
+            Mistake(
+                "The softmax runs over the wrong dimension. The weights of each row must sum to 1.",
+                partial(masked_attention, softmax_dim=0),
             ),
-            "the padding is heard: your mask has no effect": lambda q, k, v, heard: (
-                unmasked_weights(q, k) @ v
+            Mistake("Your mask has no effect: the padding is still heard.", forgets_mask),
+            Mistake(
+                "A score of 0 does not silence a token, because exp(0) = 1. Use minus infinity.",
+                partial(masked_attention, silent_score=0.0),
             ),
-            "a score of 0 is not silence, for exp(0) = 1; it takes minus infinity": lambda *given: (
-                masked_attention(*given, silent=0.0)
+            Mistake(
+                "If you set weights to 0 after the softmax, they do not sum to 1. Mask the scores before it.",
+                masks_after_softmax,
             ),
-            "weights set to 0 after the softmax no longer sum to 1; mask the scores before it": (
-                lambda q, k, v, heard: (unmasked_weights(q, k) * heard) @ v
+            Mistake(
+                "Your mask is inverted. True marks a token that may be heard.",
+                lambda q, k, v, heard: masked_attention(q, k, v, ~heard),
             ),
-            "your mask is the wrong way round: True may be heard": lambda q, k, v, heard: masked_attention(
-                q, k, v, ~heard
+            Mistake(
+                "You masked the rows, which are the tokens that ask. Mask the columns, which are heard.",
+                partial(masked_attention, masks_rows=True),
             ),
-            "you masked the rows, the tokens that ask; mask the columns, those that are heard": lambda *given: (
-                masked_attention(*given, rows=True)
-            ),
-        },
+        ],
     ),
     Exercise(
-        "gated_keypoints",
-        gated_keypoints,
-        layer_outputs,
-        {
-            "[cls] is in your pool; take the image tokens only": lambda *given: gated_keypoints(
-                *given, cls=0
+        name="gated_keypoints",
+        solution=gated_keypoints,
+        inputs=layer_outputs,
+        mistakes=[
+            Mistake(
+                "Your maximum includes [cls]. Take only the image tokens.",
+                partial(gated_keypoints, cls_tokens=0),
             ),
-            "maximum over the wrong dimension: for each channel the largest over the tokens": (
-                lambda *given: gated_keypoints(*given, pool=lambda x: x.amax(dim=2))
+            Mistake(
+                "The maximum runs over the wrong dimension. Take the largest token of each channel.",
+                partial(gated_keypoints, pool=maximum_over_channels),
             ),
-            "this is the mean over the tokens; the paper takes the maximum": lambda *given: gated_keypoints(
-                *given, pool=lambda x: x.mean(dim=1)
+            Mistake(
+                "This is the mean over the tokens. The paper takes the maximum.",
+                partial(gated_keypoints, pool=mean_over_tokens),
             ),
-            "the gate reads the last layer's pooled vector (Eq. 3); you took the first": lambda *given: (
-                gated_keypoints(*given, gate_from=0)
+            Mistake(
+                "The gate reads the pooled vector of the last layer (Eq. 3). You took the first layer.",
+                partial(gated_keypoints, gate_layer=0),
             ),
-            "the gate's weights must sum to 1: softmax is missing": lambda *given: gated_keypoints(
-                *given, gate=lambda scores: scores
+            Mistake(
+                "The weights of the gate must sum to 1. The softmax is missing.",
+                partial(gated_keypoints, gate=gate_without_softmax),
             ),
-            "all layers count alike here; weigh them with the gate": (
-                lambda *given: gated_keypoints(
-                    *given, gate=lambda scores: torch.ones_like(scores) / len(scores)
-                )
+            Mistake(
+                "You gave all layers the same weight. Use the weights of the gate.",
+                partial(gated_keypoints, gate=equal_weights),
             ),
-            "the ReLU comes after the sum (Eq. 4), not on each layer's guess": lambda *given: gated_keypoints(
-                *given, relu="before"
+            Mistake(
+                "The ReLU comes after the sum (Eq. 4). You applied it to each layer.",
+                partial(gated_keypoints, relu="before"),
             ),
-            "the ReLU of Eq. 4 is missing": lambda *given: gated_keypoints(*given, relu=None),
-            "the eight numbers are x, y, x, y, ...; you read four x, then four y": lambda *given: (
-                gated_keypoints(*given, fold="xy")
+            Mistake("The ReLU of Eq. 4 is missing.", partial(gated_keypoints, relu=None)),
+            Mistake(
+                "The eight numbers are x, y, x, y, and so on. You read four x first and then four y.",
+                partial(gated_keypoints, x_before_y=True),
             ),
-        },
+        ],
         close=1e-4,
     ),
 ]
