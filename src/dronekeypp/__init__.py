@@ -1,7 +1,8 @@
-"""DroneKey++, the course: 6-DoF drone pose from one crop and a camera matrix, without being told the drone's size.
+"""DroneKey++, the course: the 6-DoF pose of a drone from one crop and a camera matrix.
 
-The rooms follow the paper: `camera`, `rotations`, `pnp` (geometry), `sixdronesyn` (Sec. IV, the data set), `model` (Sec. III, the network),
-`train` and `evaluate` (Sec. V).
+Nobody tells the network the drone's size. The modules follow the paper: `camera`, `rotations` and `pnp` are
+its geometry, `sixdronesyn` is the data set (Sec. IV), `model` is the network (Sec. III), and `train` and
+`evaluate` are its experiments (Sec. V).
 """
 
 __version__ = "0.1.0"

@@ -1,3 +1,5 @@
+"""`python -m dronekeypp`."""
+
 import sys
 
 from dronekeypp.cli import main

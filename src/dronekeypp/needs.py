@@ -1,4 +1,8 @@
-"""`python -m dronekeypp check`: what the course needs of this machine: [ok]; [missing], with the mend; [extra], it can do without."""
+"""`python -m dronekeypp check`: what the course needs of this machine.
+
+A line for each need: [ok]; [missing], with the mend; or [extra] for what it can do without. Nothing but
+Python itself is imported before it is asked for, so the command runs before anything is installed.
+"""
 
 from __future__ import annotations
 
@@ -14,19 +18,47 @@ from pathlib import Path
 
 from dronekeypp.errors import InputError
 
-ROOT = Path(__file__).parents[2]
-SAMPLES = ("backbone/compact.safetensors", "checkpoint/model.safetensors", "beyond/model.safetensors", "crops/manifest.json",
-           "frames/manifest.json", "flight/manifest.json", "results/table3.json")  # fmt: skip
+PINNED = "environment.txt"  # of the repository: the packages, with the versions that are tested
+SAMPLES = (
+    "backbone/compact.safetensors",
+    "checkpoint/model.safetensors",
+    "beyond/model.safetensors",
+    "crops/manifest.json",
+    "frames/manifest.json",
+    "flight/manifest.json",
+    "results/table3.json",
+)
 FREE_GB, MEMORY_GB = 2, 4  # for notebooks and tests, beside the installation
 
 
 @dataclass(frozen=True)
 class Need:
-    """One need: `look` returns what was found and raises InputError, with the mend, if it is missing; an optional one is never an error."""
+    """One need. `look` returns what it found, and raises InputError with the mend if something is missing.
+
+    An optional need is never an error.
+    """
 
     name: str
     look: Callable[[], str]
     optional: bool = False
+
+
+def repository() -> Path | None:
+    """The folder of the repository, or None where the package was installed without it."""
+    try:
+        from dronekeypp.files import repository_root
+    except ImportError:  # a package that it needs may be among the missing ones
+        folder = Path(__file__).parents[2]
+        return folder if (folder / PINNED).is_file() else None
+    try:
+        return repository_root()
+    except InputError:
+        return None
+
+
+def workplace() -> Path:
+    """Where data sets are made: in the repository or, without it, in the current folder."""
+    return repository() or Path.cwd()
 
 
 def python() -> str:
@@ -38,20 +70,46 @@ def python() -> str:
 
 
 def packages() -> str:
-    """Every package of environment.txt, whatever its version; other versions than the tested ones are named."""
-    wanted = re.findall(r"^([\w-]+)(?:\[\w+\])?==(\S+)$", (ROOT / "environment.txt").read_text(), re.M)
+    """Every package that is needed, whatever its version. Other versions than the tested ones are named."""
+    wanted = required_packages()
     missing, others = [], []
-    for name, version in wanted:
+    for name, tested in wanted.items():
         try:
-            there = importlib.metadata.version(name)
+            version = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
             missing.append(name)
             continue
-        if there.partition("+")[0] != version:
-            others.append(f"{name} {there} (tested: {version})")
+        if tested and version.partition("+")[0] != tested:
+            others.append(f"{name} {version} (tested: {tested})")
     if missing:
-        raise InputError(f"{', '.join(missing)}: pip install -r environment.txt")
+        raise InputError(f"{', '.join(missing)}: {_install()}")
     return f"{len(wanted)} packages" + (f", of other versions: {', '.join(others)}" if others else "")
+
+
+def required_packages() -> dict[str, str | None]:
+    """The packages by name, with their tested version where it is known.
+
+    They are those of environment.txt or, without the repository, those that the installed package names.
+    """
+    folder = repository()
+    if folder is not None:
+        text = (folder / PINNED).read_text(encoding="utf-8")
+        return dict(re.findall(r"^([\w-]+)(?:\[\w+\])?==(\S+)$", text, re.M))
+    try:
+        requirements = importlib.metadata.requires("dronekeypp") or []
+    except importlib.metadata.PackageNotFoundError:
+        raise InputError("dronekeypp itself is not installed: install it with pip") from None
+    names: dict[str, str | None] = {}
+    for requirement in requirements:
+        name, _, condition = requirement.partition(";")
+        if "extra" not in condition:
+            names[re.match(r"[\w.-]+", name)[0]] = None
+    return names
+
+
+def _install() -> str:
+    """How to install missing packages."""
+    return "install dronekeypp again, with pip" if repository() is None else f"pip install -r {PINNED}"
 
 
 def opengl() -> str:
@@ -62,13 +120,13 @@ def opengl() -> str:
 
 
 def samples() -> str:
-    missing = [name for name in SAMPLES if not (ROOT / "data_samples" / name).is_file()]
+    folder = repository()
+    if folder is None:
+        raise InputError("data_samples/ comes with the repository only: clone the repository")
+    missing = [name for name in SAMPLES if not (folder / "data_samples" / name).is_file()]
     if missing:
-        raise InputError(
-            f"data_samples/{missing[0]}"
-            + (f" and {len(missing) - 1} more" if len(missing) > 1 else "")
-            + ": git checkout data_samples"
-        )
+        more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
+        raise InputError(f"data_samples/{missing[0]}{more}: git checkout data_samples")
     return "all there"
 
 
@@ -89,7 +147,7 @@ def video() -> str:
 
 
 def disk() -> str:
-    free = shutil.disk_usage(ROOT).free / 1e9
+    free = shutil.disk_usage(workplace()).free / 1e9
     if free < FREE_GB:
         raise InputError(f"{free:.1f} GB free, {FREE_GB} needed: make room")
     return f"{free:.0f} GB free"
@@ -108,7 +166,7 @@ def memory() -> str:
 
 
 def dataset() -> str:
-    if not (ROOT / "data" / "6dronesyn" / "manifest.json").is_file():
+    if not (workplace() / "data" / "6dronesyn" / "manifest.json").is_file():
         raise InputError(
             "not rendered; the notebooks do without. python -m dronekeypp generate data/6dronesyn --workers 2"
         )
@@ -124,9 +182,9 @@ def gpu() -> str:
 
 
 def onnx() -> str:
-    from dronekeypp.export import EXTRA, need
+    from dronekeypp.exported import EXTRA, require_packages
 
-    need(*EXTRA)
+    require_packages(*EXTRA)
     return "export and the exported file"
 
 
@@ -139,14 +197,22 @@ def detector() -> str:
 
 
 NEEDS = (
-    Need("Python", python), Need("packages", packages), Need("OpenGL", opengl), Need("sample data", samples), Need("video", video),
-    Need("disk", disk), Need("memory", memory), Need("6DroneSyn", dataset, True), Need("GPU", gpu, True), Need("ONNX", onnx, True),
-    Need("YOLO", detector, True),
-)  # fmt: skip
+    Need("Python", python),
+    Need("packages", packages),
+    Need("OpenGL", opengl),
+    Need("sample data", samples),
+    Need("video", video),
+    Need("disk", disk),
+    Need("memory", memory),
+    Need("6DroneSyn", dataset, optional=True),
+    Need("GPU", gpu, optional=True),
+    Need("ONNX", onnx, optional=True),
+    Need("YOLO", detector, optional=True),
+)
 
 
 def check() -> bool:
-    """Print a line for every need; returns whether all that are not optional are met."""
+    """Print a line for every need. Returns whether all that are not optional are met."""
     met = True
     for need in NEEDS:
         try:
@@ -155,6 +221,6 @@ def check() -> bool:
             sign, text = ("[extra]" if need.optional else "[missing]"), str(error)
             met = met and need.optional
         except ImportError as error:
-            sign, text, met = "[missing]", f"{error}: pip install -r environment.txt", False
+            sign, text, met = "[missing]", f"{error}: {_install()}", False
         print(f"{sign:9s} {need.name:12s} {text}")
     return met

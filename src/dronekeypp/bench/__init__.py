@@ -1,0 +1,41 @@
+"""`python -m dronekeypp bench`: how fast is it?
+
+Every contender waits in a process of its own. All are asked in turn, round after round, so that a busy moment
+hits all of them. Ratios are taken within a round.
+
+A frame is what the methods are given: a full HD picture and a box. The stage *crop* cuts and resizes,
+*network* goes from the crop to keypoints and class, and *pose* goes from there to R and t. *Whole* is all of
+them, one after the other.
+"""
+
+from dronekeypp.bench.contender import (
+    COMPILED,
+    EAGER,
+    LIBRARY,
+    ONNX,
+    PAPER_SIZED,
+    POSE34,
+    YOLO,
+    Contender,
+    contenders,
+    named,
+)
+from dronekeypp.bench.rows import detector_of, row_of, table
+from dronekeypp.bench.run import bench
+
+__all__ = [
+    "COMPILED",
+    "EAGER",
+    "LIBRARY",
+    "ONNX",
+    "PAPER_SIZED",
+    "POSE34",
+    "YOLO",
+    "Contender",
+    "bench",
+    "contenders",
+    "detector_of",
+    "named",
+    "row_of",
+    "table",
+]
