@@ -22,6 +22,8 @@ ROOT = Path(__file__).parents[1]
 SAMPLES = ROOT / "data_samples"
 HUBS = np.array([[0.1, 0.1, 0], [0.1, -0.1, 0], [-0.1, -0.1, 0], [-0.1, 0.1, 0]])
 
+NOBODY = {"name": "A", "label": "A", "hubs": None, "hubs_digest": None}
+
 
 def drones(*names, scale=1.0):
     return tuple(DroneClass(name, scale * HUBS, name.lower()) for name in names)
@@ -129,7 +131,9 @@ def test_a_baseline_of_the_first_format_loads_without_what_it_ignored(tmp_path):
         ({"method": "Magic"}, "unknown method 'Magic'"),
         ({"drones": []}, "names 0 drones, its settings have 7 classes"),
         ({"drones": 5}, "drones is not a list of classes"),
-        ({"drones": [{}] * 7}, "not a class of drones"),
+        ({"drones": [{}] * 7}, "a class of drones without hubs"),
+        ({"drones": [NOBODY] * 7}, "two of its drones are called A"),
+        ({"drones": [5] * 7}, "not a class of drones"),
         ({"settings": 5}, "needs a mapping of settings"),
     ],
 )
@@ -176,7 +180,7 @@ def test_a_network_of_seven_on_another_seven_is_told_so(tmp_path, capsys):
     strange = relabelled_set(tmp_path / "other", {str(n): {"name": f"Strange{n}"} for n in range(1, 8)})
     assert main(["evaluate", str(SAMPLES / "checkpoint"), str(strange)]) == 2
     error = capsys.readouterr().err
-    assert error.count("\n") == 1 and "holds Strange1, " in error and "knows Mini3, Mini2" in error
+    assert error.count("\n") == 1 and "does not know Strange1, " in error and "knows Mini3, Mini2" in error
 
 
 def test_what_is_shared_is_measured_and_the_rest_is_named(tmp_path, capsys):
@@ -187,7 +191,7 @@ def test_what_is_shared_is_measured_and_the_rest_is_named(tmp_path, capsys):
         SAMPLES / "checkpoint", relabelled_set(tmp_path / "set", swapped), progress=False
     )
     printed = capsys.readouterr().out
-    assert "measured on Mini2, Mini3, Air3" in printed and "does not know them: Racer" in printed
+    assert "measured on Mini2, Mini3, Air3" in printed and "the network does not know Racer" in printed
     assert {row["drone"] for row in rows} == set(FIRST_EDITION) - {"Tello"}
     # Frames of object 1 are pictures of a Mini 3 that the set now calls Mini2: the label follows the name.
     accuracy = {row["drone"]: row["class_accuracy"] for row in rows if row["scene"] == 6}
@@ -206,7 +210,7 @@ def test_a_network_of_seven_on_a_set_of_eight(tmp_path, capsys):
             objects[0]["obj_id"] = 8
         gt.write_text(json.dumps(table))
     evaluate_checkpoint(SAMPLES / "checkpoint", folder, progress=False)
-    assert "does not know them: Racer" in capsys.readouterr().out
+    assert "the network does not know Racer" in capsys.readouterr().out
 
 
 def test_an_exported_file_carries_the_same_facts(tmp_path):
@@ -227,3 +231,44 @@ def test_settings_of_another_width_do_not_fit(tmp_path):
     write_json(folder / "config.json", {**description, "settings": tiny(width=32)})
     with pytest.raises(InputError, match="has shape .* the configuration needs"):
         checkpoint.load(folder)
+
+
+def test_classes_without_names_are_taken_in_the_order_of_the_data_set(tmp_path, capsys):
+    """A checkpoint of the first format with other than seven classes names none of them."""
+    folder = saved(tmp_path / "net", classes=8, image_size=64)
+    first_format(folder, classes=8)
+    eight = relabelled_set(tmp_path / "eight", {})
+    path = eight / "models" / "models_info.json"
+    info = json.loads(path.read_text())
+    path.write_text(json.dumps({**info, "8": {**info["7"], "name": "Racer"}}))
+    evaluate_checkpoint(folder, eight, progress=False)
+    assert "does not name its classes; they are taken in the data set's order" in capsys.readouterr().out
+    with pytest.raises(InputError, match="no drone in common"):
+        evaluate_checkpoint(folder, SAMPLES / "crops", progress=False)
+
+
+def test_another_shape_of_the_same_name_is_left_out_and_told(tmp_path, capsys):
+    info = json.loads((SAMPLES / "crops" / "models" / "models_info.json").read_text())
+    moved = [[1.02 * value for value in hub] for hub in info["2"]["keypoints"]]
+    folder = relabelled_set(tmp_path / "set", {"2": {"keypoints": moved}})
+    evaluate_checkpoint(SAMPLES / "checkpoint", folder, progress=False)
+    assert "the hubs of Mini2 are not those that it was trained on" in capsys.readouterr().out
+
+
+def test_a_decoder_may_not_take_a_setting_of_the_network(monkeypatch):
+    from dataclasses import dataclass
+
+    from dronekeypp.model import Decoder
+    from dronekeypp.model.network import DECODERS, ModelConfig
+    from dronekeypp.settings import Settings
+
+    @dataclass(frozen=True)
+    class Greedy(Settings):
+        layers: int = 2
+
+    class GreedyDecoder(Decoder):
+        Config = Greedy
+
+    monkeypatch.setitem(DECODERS, "greedy", GreedyDecoder)
+    with pytest.raises(InputError, match="GreedyDecoder: its setting 'layers' is one of the network's"):
+        ModelConfig(pose="greedy")

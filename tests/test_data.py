@@ -93,7 +93,7 @@ def test_splits_by_a_list(folder):
     dataset = open_dataset(folder, "train")
     assert [path.name for path in dataset.folders] == ["flight_0", "flight_3", "flight_4", "flight_6"]
     (folder / "val.txt").write_text("flight_0/7\n")
-    with pytest.raises(InputError, match="no val frames"):
+    with pytest.raises(InputError, match="flight_0: a list names frame 7, and there is no drone in it"):
         open_dataset(folder, "val")
     (folder / "val.txt").write_text("flight_99\n")
     with pytest.raises(
@@ -112,7 +112,7 @@ def test_folders_and_frames_may_have_any_number(folder):
     flight.rename(folder / "test" / "90210")
     dataset = open_dataset(folder, "test")
     item = dataset[0]  # numbers come before names
-    assert (int(item["frame"]), int(item["subsequence"])) == (1234567, 90210)
+    assert (int(item["frame"]), int(item["subsequence"])) == (1234567, 0)
 
 
 def test_keypoints_follow_from_pose_and_hubs(folder, plain_folder):
@@ -159,6 +159,7 @@ def test_a_picture_of_another_size_is_named(folder):
         dataset[0]
 
 
+LOPSIDED = [[80, 99, 0], [70, -90, 0], [-80, -90, 0], [-80, 90, 0]]
 FAULTS = {
     "no keypoints at all": (
         lambda root: (
@@ -197,15 +198,15 @@ FAULTS = {
         "flight_3/rgb: no image",
     ),
     "a lopsided drone": (
-        lambda root: edit(
-            root / "models/models_info.json",
-            lambda info: info["2"].update(keypoints=[[80, 99, 0], [70, -90, 0], [-80, -90, 0], [-80, 90, 0]]),
+        lambda root: (
+            objects(root, lambda entry: [entry.pop(key) for key in ("keypoints_2d", "keypoints_3d")]),
+            edit(root / "models/models_info.json", lambda info: info["2"].update(keypoints=LOPSIDED)),
         ),
         "mirror needs hubs that are left–right symmetric; those of Mini2 are off by 10.0 mm",
     ),
     "two of one name": (
         lambda root: edit(root / "models/models_info.json", lambda info: info["2"].update(name="Mini3")),
-        "models_info.json: two objects have the same name",
+        "models_info.json: objects 1 and 2 are both called Mini3",
     ),
     "no validation": (
         lambda root: shutil.rmtree(root / "val"),
@@ -237,3 +238,118 @@ def test_a_data_set_in_memory_keeps_the_contract_by_its_items():
     assert data.drones_of(fakes) is None and set(data.keys_of(Subset(fakes, [0]))) == set(KEYS)
     with pytest.raises(InputError, match="the data set: no `depth`: a test needs it"):
         data.require(fakes, ("R", "depth"), "a test")
+
+
+def test_stored_crops_need_the_size_of_the_whole_frames(tmp_path):
+    """Without it every crop was clamped to its own 128 pixels, and measured wrongly without a word."""
+    crops = tmp_path / "crops"
+    shutil.copytree(SAMPLES / "crops", crops, ignore=shutil.ignore_patterns("train", "val", "manifest.json"))
+    with pytest.raises(InputError, match="crops are stored, so .*camera.json must say the width and height"):
+        open_dataset(crops, "test")
+    (crops / "camera.json").write_text('{"width": 1920, "height": 1080}')
+    ours, theirs = open_dataset(crops, "test"), open_dataset(SAMPLES / "crops", "test")
+    for name in ("image", "square", "keypoints"):
+        assert torch.equal(ours[7][name], theirs[7][name])
+    (crops / "camera.json").write_text('{"width": "wide", "height": 1080}')
+    with pytest.raises(InputError, match="camera.json: width and height must be whole numbers"):
+        open_dataset(crops, "test")
+
+
+def test_a_run_does_not_go_on_with_other_annotations(folder, tmp_path, capsys):
+    command = [
+        "train",
+        str(folder),
+        "--out",
+        str(tmp_path / "run"),
+        "--set",
+        "batch=7",
+        "--set",
+        "device=cpu",
+    ]
+    assert main([*command, "--set", "epochs=2", "--set", "max_minutes=0.0001"]) == 0
+
+    def swap(info):
+        info["1"]["name"], info["2"]["name"] = info["2"]["name"], info["1"]["name"]
+
+    edit(folder / "models" / "models_info.json", swap)
+    assert main([*command, "--set", "epochs=2", "--resume"]) == 2
+    assert "data.digest was" in capsys.readouterr().err
+
+
+def test_what_cannot_be_learned_from_leaves_no_folder_behind(folder, tmp_path, capsys):
+    objects(folder, lambda entry: entry.pop("keypoints_visible"))
+    command = [
+        "train",
+        str(folder),
+        "--out",
+        str(tmp_path / "run"),
+        "--set",
+        "batch=7",
+        "--set",
+        "device=cpu",
+    ]
+    assert main([*command, "--set", "epochs=1"]) == 2
+    assert not (tmp_path / "run").exists() and "mirror needs it" in capsys.readouterr().err
+    assert main([*command, "--set", "epochs=1", "--set", "mirror=false"]) == 0
+
+
+def test_resume_touches_nothing_in_a_folder_that_is_no_run(folder, tmp_path, capsys):
+    victim = tmp_path / "victim"
+    victim.mkdir()
+    (victim / ".letter.tmp").write_text("mine")
+    assert main(["train", str(folder), "--out", str(victim), "--resume"]) == 2
+    assert "not a run" in capsys.readouterr().err and (victim / ".letter.tmp").read_text() == "mine"
+
+
+def test_frames_without_a_drone_are_left_out(folder):
+    flight = folder / "test" / "flight_2"
+    whole = len(open_dataset(folder, "test"))
+    edit(flight / "scene_camera.json", lambda table: table.update({"9": table["0"]}))
+    for name in ("scene_gt.json", "scene_gt_info.json"):
+        edit(flight / name, lambda table: table.update({"10": []}))
+    assert len(open_dataset(folder, "test")) == whole
+    edit(flight / "scene_gt_info.json", lambda table: table["0"][0].update(bbox_obj=[-90, 10, 40, 40]))
+    dataset = open_dataset(folder, "test")
+    assert (len(dataset), dataset.left_out) == (whole - 1, 1)
+
+
+@pytest.mark.parametrize("text", ["flight_0\r\nflight_3\r\n", "\ufeffflight_0\nflight_3\n"])
+def test_lists_as_other_programs_write_them(text, folder):
+    for flight in sorted((folder / "train").iterdir()):
+        flight.rename(folder / flight.name)
+    (folder / "train").rmdir()
+    (folder / "train.txt").write_bytes(text.encode())
+    assert len(open_dataset(folder, "train")) == 2
+    (folder / "train.txt").write_bytes("flight_0".encode("utf-16"))
+    with pytest.raises(InputError, match="train.txt: not text in UTF-8"):
+        open_dataset(folder, "train")
+
+
+def test_one_drone_is_enough(folder, tmp_path):
+    """Real footage is mostly of one drone."""
+    edit(folder / "models" / "models_info.json", lambda info: [info.pop(str(n)) for n in range(2, 8)])
+    objects(folder, lambda entry: entry.update(obj_id=1))
+    quick = ["--set", "epochs=1", "--set", "batch=7", "--set", "device=cpu"]
+    assert main(["train", str(folder), "--out", str(tmp_path / "run"), *quick]) == 0
+    assert main(["evaluate", str(tmp_path / "run"), str(folder)]) == 0
+
+
+def test_without_keypoints_the_pose_is_still_measured(folder, plain_folder, tmp_path):
+    quick = ["--set", "epochs=1", "--set", "batch=7", "--set", "device=cpu"]
+    assert main(["train", str(plain_folder), "--out", str(tmp_path / "run"), *quick]) == 0
+    objects(folder, lambda entry: [entry.pop(key) for key in ("keypoints_2d", "keypoints_3d")])
+    edit(
+        folder / "models" / "models_info.json",
+        lambda info: [entry.pop("keypoints") for entry in info.values()],
+    )
+    assert main(["evaluate", str(tmp_path / "run"), str(folder)]) == 0
+
+
+def test_hubs_in_metres_are_not_taken_for_millimetres(folder):
+    def in_metres(info):
+        for entry in info.values():
+            entry["keypoints"] = [[value / 1000 for value in hub] for hub in entry["keypoints"]]
+
+    edit(folder / "models" / "models_info.json", in_metres)
+    with pytest.raises(InputError, match="models_info.json object 1: keypoints: a hub .* is the unit right?"):
+        open_dataset(folder, "test")

@@ -427,6 +427,16 @@ def test_presets_and_overrides():
         ("paper", {"backbone_stride": 8}, "backbone_stride=8 is not used: it needs backbone=compact"),
         ("cpu", {"use_rays": "false", "rays": "raw"}, "rays=raw is not used: it needs use_rays=True"),
         ("cpu", {"encoder": "truth", "gate": "last"}, "gate=last is not used: it needs encoder=learned"),
+        (
+            "cpu",
+            {"encoder": "truth", "backbone_stride": 8},
+            "backbone_stride=8 is not used: it needs encoder",
+        ),
+        (
+            "cpu",
+            {"encoder": "truth", "precision": "bfloat16"},
+            "precision=bfloat16 is not used: it needs enc",
+        ),
         ("cpu", {"pose": "geometric", "rotation": "sixd"}, "unknown setting 'rotation'"),
     ],
 )
@@ -439,6 +449,8 @@ def test_overrides_that_do_not_fit_or_are_not_used(preset, overrides, match):
 def test_a_baseline_refuses_the_settings_of_others(method, setting):
     with pytest.raises(InputError, match=f"unknown setting '{setting}' for {method}; known: "):
         presets.preset("cpu", {setting: 1}, network_class(method))
+    with pytest.raises(InputError, match="keypoint_unit=5 is not used: DronePose finds no keypoints"):
+        presets.preset("cpu", {"keypoint_unit": 5}, network_class("DronePose"))
 
 
 def test_what_a_preset_sets_and_a_choice_makes_useless_is_left_out():

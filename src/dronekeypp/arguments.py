@@ -1,4 +1,7 @@
-"""The arguments of the command line and their help: one function a verb. What a verb does is in `cli`."""
+"""This module defines the arguments of the command line and their help, with one function a verb.
+
+What a verb does is in `cli`.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ SHIPPED = ("data_samples/checkpoint", "data_samples/beyond")
 
 
 class Parser(ArgumentParser):
-    """A parser that says what is wrong in one line, like everything else here."""
+    """A parser says what is wrong in one line, like everything else here."""
 
     def error(self, message: str) -> NoReturn:
         raise InputError(f"{message}; see `{self.prog} --help`")
@@ -23,12 +26,12 @@ class Parser(ArgumentParser):
 
 
 def words(text: str) -> list[str]:
-    """Read "Mini2,Tello"."""
+    """Read words separated by commas, such as "Mini2,Tello"."""
     return [part.strip() for part in text.split(",") if part.strip()]
 
 
 def numbers(text: str) -> list[int]:
-    """Read "6,7"."""
+    """Read whole numbers separated by commas, such as "6,7"."""
     try:
         return [int(part) for part in words(text)]
     except ValueError:
@@ -36,7 +39,7 @@ def numbers(text: str) -> list[int]:
 
 
 def shard(text: str) -> tuple[int, int]:
-    """Read "0/4"."""
+    """Read a shard I/N, such as "0/4", as (I, N)."""
     try:
         i, n = text.split("/")
         return int(i), int(n)
@@ -45,7 +48,7 @@ def shard(text: str) -> tuple[int, int]:
 
 
 def box(text: str) -> tuple[float, float, float, float]:
-    """Read "800,420,120,60"."""
+    """Read a box x,y,w,h in pixels, such as "800,420,120,60"."""
     try:
         x, y, w, h = text.split(",")
         return float(x), float(y), float(w), float(h)
@@ -130,7 +133,7 @@ def export(p: ArgumentParser) -> None:
 
 
 def check(p: ArgumentParser) -> None:
-    """It takes none."""
+    """Add nothing, because the verb takes no arguments."""
 
 
 def bench(p: ArgumentParser) -> None:

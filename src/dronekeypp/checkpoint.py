@@ -27,7 +27,7 @@ from safetensors.torch import load_file
 from safetensors.torch import save as to_bytes
 from torch import Tensor, nn
 
-from dronekeypp.classes import DroneClass, unnamed
+from dronekeypp.classes import FIRST_EDITION, DroneClass, names_of, unnamed
 from dronekeypp.errors import InputError
 from dronekeypp.files import read_json, write_beside
 from dronekeypp.settings import Settings, usable
@@ -192,8 +192,12 @@ def parse(
             kind = network_class(method)
         config = kind.Config.from_dict(settings)
         if "drones" not in values:
-            return method, config, unnamed(getattr(config, "classes", 7))
+            return method, config, _drones_of_first_edition(getattr(config, "classes", 7))
         drones = tuple(DroneClass.from_dict(entry) for entry in values["drones"])
+        names = names_of(drones)
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(f"two of its drones are called {name}")
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
     except TypeError:
@@ -202,6 +206,13 @@ def parse(
     if classes != len(drones):
         raise InputError(f"{source}: names {len(drones)} drones, its settings have {classes} classes")
     return method, config, drones
+
+
+def _drones_of_first_edition(classes: int) -> tuple[DroneClass, ...]:
+    """Return the drones of a checkpoint that does not name them: the seven, or classes by number."""
+    if classes == len(FIRST_EDITION):
+        return tuple(DroneClass(name) for name in FIRST_EDITION)
+    return unnamed(classes)
 
 
 def _from_first_format(values: dict[str, Any]) -> tuple[str, dict[str, Any]]:
@@ -225,13 +236,18 @@ def read_state(folder: str | Path, method: str) -> dict[str, Tensor]:
     Raises:
         InputError: the file cannot be read.
     """
-    path = Path(folder) / WEIGHTS
-    state = {}
-    for key, value in read_tensors(path).items():
-        if method == "DroneKey++" and key.startswith("head."):  # the first format kept it beside the decoder
-            key = f"decoder.{key}"
-        state[key] = value
-    return state
+    tensors = read_tensors(Path(folder) / WEIGHTS)
+    return {name_of_today(key, method): value for key, value in tensors.items()}
+
+
+def name_of_today(tensor: str, method: str) -> str:
+    """Return the name that a tensor has today.
+
+    The first format kept the head of a geometric network beside its decoder.
+    """
+    if method == "DroneKey++" and tensor.startswith("head."):
+        return f"decoder.{tensor}"
+    return tensor
 
 
 def read_tensors(path: str | Path) -> dict[str, Tensor]:

@@ -19,6 +19,8 @@ from dronekeypp.files import digest
 
 # The seven drones of 6DroneSyn, in class order. A checkpoint of the first edition does not name its classes.
 FIRST_EDITION = ("Mini3", "Mini2", "Air3", "Air2", "Mav2", "Mav3", "Tello")
+SYMMETRY = 0.01  # of the wheelbase: how far hubs may be from left–right symmetric
+LARGEST, SMALLEST = 2.0, 0.02  # metres, of the hub that lies farthest from the origin
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,23 +82,48 @@ class DroneClass:
         """
         try:
             hubs = None if values["hubs"] is None else np.array(values["hubs"], dtype=float).reshape(4, 3)
-            drone = cls(str(values["name"]), hubs, str(values.get("label", "")))
-            stored = values.get("hubs_digest")
-        except (KeyError, TypeError, ValueError, AttributeError):
+            drone = cls(str(values["name"]), hubs, str(values.get("label") or ""))
+            stored = values["hubs_digest"]
+        except KeyError as error:
+            raise InputError(f"a class of drones without {error.args[0]}: {values!r}") from None
+        except (TypeError, ValueError, AttributeError):
             raise InputError(f"not a class of drones: {values!r}") from None
+        if hubs is not None and not np.isfinite(hubs).all():
+            raise InputError(f"the hubs of {drone.name} hold NaN or infinity")
         if stored != drone.digest:
             raise InputError(f"the hubs of {drone.name} were changed: their digest is not {stored}")
         return drone
 
 
 def unnamed(count: int) -> tuple[DroneClass, ...]:
-    """Return `count` classes of which nothing is known but their number.
-
-    Seven classes are taken for the drones of 6DroneSyn's first edition, and get their names.
-    """
-    if count == len(FIRST_EDITION):
-        return tuple(DroneClass(name) for name in FIRST_EDITION)
+    """Return `count` classes of which nothing is known but their number."""
     return tuple(DroneClass(f"class {number}") for number in range(count))
+
+
+def are_named(classes: Sequence[DroneClass]) -> bool:
+    """Say whether anything is known of classes but their number."""
+    return names_of(classes) != names_of(unnamed(len(classes)))
+
+
+def check_hubs(hubs: np.ndarray, where: str) -> None:
+    """Check that four hubs are in metres and in keypoint order.
+
+    Raises:
+        InputError: they are not (4, 3) finite numbers, too large or too small for a drone, or in another
+            order. The message begins with `where`.
+    """
+    hubs = np.asarray(hubs)
+    if hubs.shape != (4, 3) or not np.isfinite(hubs).all():
+        raise InputError(f"{where}: hubs {hubs.shape}, four points of three numbers are needed")
+    farthest = float(np.abs(hubs).max())
+    if not SMALLEST < farthest < LARGEST:
+        raise InputError(f"{where}: a hub {farthest:g} m from the middle: is the unit right?")
+    x, y = hubs[:, 0], hubs[:, 1]
+    if not (min(x[0], x[1]) > max(x[2], x[3]) and min(y[0], y[3]) > max(y[1], y[2])):
+        raise InputError(
+            f"{where}: hubs in the order front-left, front-right, rear-right, rear-left, "
+            "with x forward and y to the left"
+        )
 
 
 def names_of(classes: Sequence[DroneClass]) -> list[str]:

@@ -1,6 +1,7 @@
-"""`python -m dronekeypp VERB`: one verb a command. Exit status 0, or 2 with one line on stderr.
+"""`python -m dronekeypp VERB` runs one verb a command.
 
-Each verb imports what it needs when it is called: `check` runs before anything is installed.
+The exit status is 0, or 2 with one line on stderr. Each verb imports what it needs when it is called: `check`
+runs before anything is installed.
 """
 
 from __future__ import annotations
@@ -149,7 +150,10 @@ def _reproduce(args: Namespace) -> None:
 
 
 def parser() -> ArgumentParser:
-    """The command line. What it parses has `run`, the function of the verb."""
+    """Return the parser of the command line.
+
+    What it parses has `run`, the function of the verb.
+    """
     top = arguments.Parser(
         prog="python -m dronekeypp", description="DroneKey++: generate the data, train, evaluate."
     )
@@ -184,7 +188,7 @@ def parser() -> ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one verb; returns the exit status."""
+    """Run one verb, and return the exit status."""
     try:
         args = parser().parse_args(argv)
         args.run(args)

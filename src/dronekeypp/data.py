@@ -13,6 +13,12 @@ manifest. Any other BOP folder will do:
     ROOT/SPLIT.txt                           instead of a folder SPLIT: one flight folder a line, or
                                              FLIGHT/NUMBER for a single frame
 
+On disk, cam_t_m2c, keypoints_3d (both in camera axes) and the hubs of models_info.json are in millimetres, as
+everywhere in BOP; keypoints_2d and bbox_obj (x, y, width, height) are in pixels of the whole frame. Keypoints
+come in the order front-left, front-right, rear-right, rear-left, seen from above. Body axes are x forward,
+y left, z up. A file ROOT/camera.json with width and height says how large the frames are where the pictures
+do not. Stored crops need it; their square (x, y, side) is `crop` in scene_gt_info.json.
+
 Keypoints that are not annotated follow from the pose and the hubs. All frames of a flight lie in one folder,
 and what is measured over flights takes each folder for one flight.
 
@@ -30,7 +36,7 @@ import torch
 from torch import Tensor
 from torch.utils.data import Dataset, Subset
 
-from dronekeypp.classes import DroneClass
+from dronekeypp.classes import SYMMETRY, DroneClass
 from dronekeypp.errors import InputError
 from dronekeypp.frame_dataset import ON_DISK, FrameDataset
 
@@ -109,16 +115,34 @@ def require(dataset: Dataset, keys: Sequence[str], purpose: str) -> None:
             raise InputError(f"{place}: no `{key}`{source}: {purpose} needs it")
 
 
-def check_symmetric(drones: Sequence[DroneClass], purpose: str) -> None:
-    """Check that the hubs of drones are left–right symmetric, to a hundredth of the wheelbase.
+def hubs_of(annotations: dict[str, Tensor], label: int) -> Tensor | None:
+    """Return the hubs (4, 3) of a class in body axes, or None where it has no frame.
+
+    They are the median over its frames.
+    """
+    chosen = annotations["label"] == label
+    if not chosen.any():
+        return None
+    body = annotations["keypoints_3d"][chosen] @ annotations["R"][chosen]  # (F, 4, 3): rows are points
+    return body.median(dim=0).values
+
+
+def check_mirror(annotations: dict[str, Tensor], drones: Sequence[DroneClass] | None) -> None:
+    """Check that every drone is its own mirror image: that its hubs are left–right symmetric.
+
+    Args:
+        annotations: label, R and keypoints_3d of training frames, stacked.
+        drones: the classes, for the message; None: they are called by their number.
 
     Raises:
-        InputError: those of one drone are not. The message names the drone and the purpose.
+        InputError: the hubs of one drone miss it by more than a hundredth of the wheelbase.
     """
-    for drone in drones:
-        if drone.hubs is not None and drone.asymmetry > 0.01 * drone.wheelbase:
+    for label in annotations["label"].unique().tolist():
+        hubs = hubs_of(annotations, label)
+        drone = DroneClass(drones[label].name if drones else f"class {label}", hubs.double().numpy())
+        if drone.asymmetry > SYMMETRY * drone.wheelbase:
             raise InputError(
-                f"{purpose} needs hubs that are left–right symmetric; those of {drone.name} are off by "
+                f"mirror needs hubs that are left–right symmetric; those of {drone.name} are off by "
                 f"{1000 * drone.asymmetry:.1f} mm"
             )
 

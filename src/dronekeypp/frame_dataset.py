@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +30,29 @@ ON_DISK = {
 }
 
 
+@dataclass(frozen=True)
+class StoredFrame:
+    """This is one drone in one picture, and where it comes from.
+
+    Attributes:
+        annotation: what the flight's three files say of it.
+        folder: the flight's folder.
+        image: the picture's file.
+        digest: what the picture's bytes must have, or None where nobody says.
+        scene, subsequence: the numbers of its scene and of its flight.
+        width, height: the size of the whole frame, pixels.
+    """
+
+    annotation: bop.Frame
+    folder: Path
+    image: Path
+    digest: str | None
+    scene: int
+    subsequence: int
+    width: int
+    height: int
+
+
 class FrameDataset(Dataset):
     """This data set hands out the frames of one split, each cut to its drone.
 
@@ -49,6 +74,8 @@ class FrameDataset(Dataset):
     Attributes:
         drones: the classes in the order of their indices, as models_info.json numbers them.
         keys: the keys that every item has.
+        stored: what is known of each frame (`StoredFrame`).
+        left_out: how many drones were left out, because their box has its middle outside the picture.
         manifest: the manifest of 6DroneSyn; {} for any other folder.
 
     Raises:
@@ -70,66 +97,64 @@ class FrameDataset(Dataset):
         self.root, self.split, self.size, self.seed = Path(root), split, size, seed
         self.augment, self.degrade, self.epoch = augment, degrade, 0
         self.manifest = folders.read_manifest(self.root)
+        flights = folders.find_flights(self.root, split, self.manifest)
         models = bop.read_models(self.root) or folders.unnamed_objects(self.root)
-        chosen = folders.find_flights(self.root, split, self.manifest)
-        self.frames: list[bop.Frame] = []
-        self.folders: list[Path] = []
-        self.images: list[Path] = []
-        self.digests: list[str | None] = []
-        self._places: list[tuple[int, int]] = []  # (scene, subsequence)
-        self._sizes: dict[Path, tuple[int, int]] = {}
-        for order, (folder, wanted) in enumerate(chosen.items()):
-            self._add_flight(folder, wanted, order, models, stride)
-        self._numbers = list(models)
-        self.drones = tuple(models.values())
+        self._numbers, self.drones = list(models), tuple(models.values())
+        self.left_out = 0  # drones whose box has its middle outside the picture
+        self.stored: list[StoredFrame] = []
+        for order, (folder, wanted) in enumerate(flights.items()):
+            frames = self._read_flight(folder, order, models)
+            if wanted is not None:
+                folders.check_listed(folder, wanted, {frame.annotation.number for frame in frames})
+                frames = [frame for frame in frames if frame.annotation.number in wanted]
+            self.stored += frames[::stride]
         self._keep(drones)
-        if not self.frames:
-            raise InputError(
-                f"{self.root}: no {split} frames; its scenes are not in this data set, "
-                "or generate has not finished"
-            )
+        if not self.stored:
+            raise InputError(f"{self.root}: no {split} frames")
         self.keys = self._common_keys()
 
-    def _add_flight(
-        self,
-        folder: Path,
-        wanted: set[int] | None,
-        order: int,
-        models: dict[int, DroneClass],
-        stride: int,
-    ) -> None:
-        """Add every stride-th frame of a flight, or of those of its frames whose numbers are `wanted`."""
-        stored = folders.stored_images(folder)
-        size = self._sizes[folder] = self._frame_size(folder, stored)
-        frames, flight = bop.read_flight(folder, models, size)
-        if wanted is not None:
-            frames = [frame for frame in frames if frame.number in wanted]
-        number = int(folder.name) if folder.name.isdigit() else order
-        place = (int(flight.get("scene", number)), number)
-        digests = flight.get("digests", {})
-        for frame in frames[::stride]:
-            self.frames.append(frame)
-            self.folders.append(folder)
-            self.images.append(stored.get(frame.number, bop.image_path(folder, frame.number)))
-            self.digests.append(digests.get(str(frame.number), [None])[0])
-            self._places.append(place)
+    def _read_flight(self, folder: Path, order: int, models: dict[int, DroneClass]) -> list[StoredFrame]:
+        """Read the frames of a flight, which is number `order` of its split."""
+        images = folders.stored_images(folder)
+        if self.manifest:
+            annotations, flight = bop.read_flight(folder, models, (scenes.WIDTH, scenes.HEIGHT))
+            scene, digests = folders.flight_facts(folder, flight)
+            place = (scene, int(folder.name), scenes.WIDTH, scenes.HEIGHT)
+        else:
+            annotations, _ = bop.read_flight(folder, models, strict=False)
+            width, height = folders.frame_size(self.root, folder, images)
+            digests = {}
+            place = (order, order, width, height)
+            annotations = self._in_the_picture(folder, annotations, width, height)
+        frames = []
+        for annotation in annotations:
+            image = images.get(annotation.number)
+            if image is None and not self.manifest:
+                raise InputError(f"{folder / 'rgb'}: no picture of frame {annotation.number}")
+            image = image or bop.image_path(folder, annotation.number)
+            frames.append(StoredFrame(annotation, folder, image, digests.get(annotation.number), *place))
+        return frames
 
-    def _frame_size(self, folder: Path, stored: dict[int, Path]) -> tuple[int, int]:
-        """Return the width and height of the whole frames of a flight, pixels.
+    def _in_the_picture(
+        self, folder: Path, annotations: list[bop.Frame], width: int, height: int
+    ) -> list[bop.Frame]:
+        """Leave out, and count, the drones whose box has its middle outside the picture.
 
         Raises:
-            InputError: nothing says how large they are, and the flight has no image.
+            InputError: crops are stored, and only their own size is known.
         """
-        if self.manifest.get("name") == "6DroneSyn":
-            return scenes.WIDTH, scenes.HEIGHT
-        camera = self.root / "camera.json"
-        entry = files.read_json(camera) if camera.is_file() else {}
-        if isinstance(entry, dict) and entry.get("width") and entry.get("height"):
-            return int(entry["width"]), int(entry["height"])
-        if not stored:
-            raise InputError(f"{folder / 'rgb'}: no image")
-        height, width = folders.read_image(next(iter(stored.values()))).shape[:2]
-        return width, height
+        inside = []
+        for frame in annotations:
+            if frame.square is not None and not (self.root / folders.CAMERA).is_file():
+                raise InputError(
+                    f"{folder}: crops are stored, so {self.root / folders.CAMERA} must say "
+                    "the width and height of the whole frames"
+                )
+            x, y = frame.box[:2] + frame.box[2:] / 2
+            if 0 <= x <= width and 0 <= y <= height:
+                inside.append(frame)
+        self.left_out += len(annotations) - len(inside)
+        return inside
 
     def _keep(self, names: Sequence[str] | None) -> None:
         """Leave out the frames of other drones than those named.
@@ -144,12 +169,7 @@ class FrameDataset(Dataset):
             if name not in known:
                 raise InputError(f"drone {name!r}: choose from {', '.join(known)}")
         wanted = {self._numbers[known.index(name)] for name in names}
-        kept = [i for i, frame in enumerate(self.frames) if frame.obj_id in wanted]
-        self.frames = [self.frames[i] for i in kept]
-        self.folders = [self.folders[i] for i in kept]
-        self.images = [self.images[i] for i in kept]
-        self.digests = [self.digests[i] for i in kept]
-        self._places = [self._places[i] for i in kept]
+        self.stored = [frame for frame in self.stored if frame.annotation.obj_id in wanted]
 
     def _common_keys(self) -> tuple[str, ...]:
         """Return the keys that every frame has.
@@ -158,28 +178,46 @@ class FrameDataset(Dataset):
             InputError: some frames have a key and others have not, which is a fault of the data. The message
                 names the key and a frame.
         """
-        fields = {
-            "keypoints": "keypoints_2d",
-            "keypoints_3d": "keypoints_3d",
-            "R": "R",
-            "t": "t",
-            "visible": "visible",
-        }
         keys = list(ALWAYS)
-        for key, field in fields.items():
-            absent = [i for i, frame in enumerate(self.frames) if getattr(frame, field) is None]
-            if not absent:
+        for key in ON_DISK:
+            field = "keypoints_2d" if key == "keypoints" else key
+            lacking = [frame for frame in self.stored if getattr(frame.annotation, field) is None]
+            if not lacking:
                 keys.append(key)
-            elif len(absent) < len(self.frames):
-                i = absent[0]
-                where = f"{self.folders[i] / bop.SCENE_FILES[1]} frame {self.frames[i].number}"
+            elif len(lacking) < len(self.stored):
+                where = f"{lacking[0].folder / bop.SCENE_FILES[1]} frame {lacking[0].annotation.number}"
                 raise InputError(f"{where}: no `{key}` ({ON_DISK[key]}), and other frames have it")
         if "R" not in keys or "t" not in keys:  # hubs relative to the drone's centre need that centre
             keys = [key for key in keys if key != "keypoints_3d"]
         return tuple(keys)
 
+    @property
+    def frames(self) -> list[bop.Frame]:
+        """Return the annotation of every frame."""
+        return [frame.annotation for frame in self.stored]
+
+    @property
+    def folders(self) -> list[Path]:
+        """Return the flight folder of every frame."""
+        return [frame.folder for frame in self.stored]
+
+    @property
+    def labels(self) -> list[int]:
+        """Return the class index of every frame."""
+        return [self._numbers.index(frame.annotation.obj_id) for frame in self.stored]
+
+    @property
+    def digest(self) -> str | None:
+        """Return what tells these data from others: of the drones and the annotations, or 6DroneSyn's own."""
+        if self.manifest:
+            return self.manifest.get("digest")
+        facts = [json.dumps([drone.to_dict() for drone in self.drones])]
+        for frame in self.stored:
+            facts.append(f"{frame.folder.name} {frame.annotation}")
+        return files.digest("\n".join(facts).encode())
+
     def __len__(self) -> int:
-        return len(self.frames)
+        return len(self.stored)
 
     def set_epoch(self, epoch: int) -> None:
         """Choose this epoch's augmentation.
@@ -198,12 +236,12 @@ class FrameDataset(Dataset):
             InputError: the image is missing or cut off, or a whole frame has another size than its data set
                 says.
         """
-        image = folders.read_image(self.images[index], self.digests[index])
-        width, height = self._sizes[self.folders[index]]
-        if self.frames[index].square is None and image.shape[:2] != (height, width):
+        frame = self.stored[index]
+        image = folders.read_image(frame.image, frame.digest)
+        height, width = image.shape[:2]
+        if frame.annotation.square is None and (width, height) != (frame.width, frame.height):
             raise InputError(
-                f"{self.images[index]}: {image.shape[1]}×{image.shape[0]} pixels, "
-                f"its data set has {width}×{height}"
+                f"{frame.image}: {width}×{height} pixels, its data set has {frame.width}×{frame.height}"
             )
         return image
 
@@ -213,7 +251,8 @@ class FrameDataset(Dataset):
 
     def square(self, index: int) -> np.ndarray:
         """Return the (x, y, side) that an item shows in this epoch, in full-frame pixels."""
-        box, frame_size = self.frames[index].box, self._sizes[self.folders[index]]
+        frame = self.stored[index]
+        box, frame_size = frame.annotation.box, (frame.width, frame.height)
         if not self.augment:
             return clamp_square(square_around(box), *frame_size)
         rng = self._generator(index, 0)
@@ -223,7 +262,7 @@ class FrameDataset(Dataset):
 
     def __getitem__(self, index: int) -> dict[str, Tensor]:
         index = range(len(self))[index]  # so that -1 draws the random numbers of the last item
-        frame = self.frames[index]
+        frame = self.stored[index].annotation
         image, square = self.stored_image(index), self.square(index)
         local = square
         if frame.square is not None:  # a stored crop: from full-frame pixels to its own
@@ -239,11 +278,6 @@ class FrameDataset(Dataset):
         pixels = torch.from_numpy(crop).permute(2, 0, 1).float() / 255
         return {"image": pixels, **self.annotation(index, square)}
 
-    @property
-    def labels(self) -> list[int]:
-        """Return the class index of every frame."""
-        return [self._numbers.index(frame.obj_id) for frame in self.frames]
-
     def annotations(self) -> dict[str, Tensor]:
         """Return everything but the images, stacked.
 
@@ -254,8 +288,7 @@ class FrameDataset(Dataset):
 
     def annotation(self, index: int, square: np.ndarray) -> dict[str, Tensor]:
         """Return one item without its image, as seen in the crop `square` (x, y, side)."""
-        frame = self.frames[index]
-        scene, subsequence = self._places[index]
+        place, frame = self.stored[index], self.stored[index].annotation
         item = {"K": _floats(frame.K), "square": _floats(square)}
         if "keypoints" in self.keys:
             item["keypoints"] = _floats(to_crop(frame.keypoints_2d, square))
@@ -268,7 +301,8 @@ class FrameDataset(Dataset):
             item["t"] = _floats(frame.t)
         if "visible" in self.keys:
             item["visible"] = torch.tensor(frame.visible)
-        item["scene"], item["subsequence"] = torch.tensor(scene), torch.tensor(subsequence)
+        item["scene"] = torch.tensor(place.scene)
+        item["subsequence"] = torch.tensor(place.subsequence)
         item["frame"] = torch.tensor(frame.number)
         return item
 

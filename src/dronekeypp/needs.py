@@ -1,7 +1,7 @@
-"""`python -m dronekeypp check`: what the course needs of this machine.
+"""`python -m dronekeypp check` says what the course needs of this machine.
 
-A line for each need: [ok]; [missing], with the mend; or [extra] for what it can do without. Nothing but
-Python itself is imported before it is asked for, so the command runs before anything is installed.
+It prints a line for each need: [ok]; [missing], with the mend; or [extra] for what it can do without. Nothing
+but Python itself is imported before it is asked for, so the command runs before anything is installed.
 """
 
 from __future__ import annotations
@@ -33,9 +33,10 @@ FREE_GB, MEMORY_GB = 2, 4  # for notebooks and tests, beside the installation
 
 @dataclass(frozen=True)
 class Need:
-    """One need. `look` returns what it found, and raises InputError with the mend if something is missing.
+    """A need is one thing that the course needs of this machine.
 
-    An optional need is never an error.
+    `look` returns what it found, and raises InputError with the mend if something is missing. An optional
+    need is never an error.
     """
 
     name: str
@@ -44,7 +45,7 @@ class Need:
 
 
 def repository() -> Path | None:
-    """The folder of the repository, or None where the package was installed without it."""
+    """Return the folder of the repository, or None where the package was installed without it."""
     try:
         from dronekeypp.files import repository_root
     except ImportError:  # a package that it needs may be among the missing ones
@@ -57,7 +58,7 @@ def repository() -> Path | None:
 
 
 def workplace() -> Path:
-    """Where data sets are made: in the repository or, without it, in the current folder."""
+    """Return where data sets are made: in the repository or, without it, in the current folder."""
     return repository() or Path.cwd()
 
 
@@ -70,7 +71,13 @@ def python() -> str:
 
 
 def packages() -> str:
-    """Every package that is needed, whatever its version. Other versions than the tested ones are named."""
+    """Check that every package that is needed is installed, whatever its version.
+
+    The answer names the packages of other versions than the tested ones.
+
+    Raises:
+        InputError: a package is missing.
+    """
     wanted = required_packages()
     missing, others = [], []
     for name, tested in wanted.items():
@@ -87,7 +94,7 @@ def packages() -> str:
 
 
 def required_packages() -> dict[str, str | None]:
-    """The packages by name, with their tested version where it is known.
+    """Return the packages by name, with their tested version where it is known.
 
     They are those of environment.txt or, without the repository, those that the installed package names.
     """
@@ -108,7 +115,7 @@ def required_packages() -> dict[str, str | None]:
 
 
 def _install() -> str:
-    """How to install missing packages."""
+    """Return how to install missing packages."""
     return "install dronekeypp again, with pip" if repository() is None else f"pip install -r {PINNED}"
 
 
@@ -131,7 +138,7 @@ def samples() -> str:
 
 
 def video() -> str:
-    """`predict` writes its overlay with OpenCV."""
+    """Check that OpenCV can write a video, because `predict` writes its overlay with it."""
     import cv2
     import numpy as np
 
@@ -212,7 +219,7 @@ NEEDS = (
 
 
 def check() -> bool:
-    """Print a line for every need. Returns whether all that are not optional are met."""
+    """Print a line for every need, and return whether all that are not optional are met."""
     met = True
     for need in NEEDS:
         try:

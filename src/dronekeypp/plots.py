@@ -1,4 +1,7 @@
-"""Figures that more than one notebook shows. Every function but `style` draws into an axis and returns it."""
+"""Draw figures that more than one notebook shows.
+
+Every function but `style` draws into an axis and returns it.
+"""
 
 from collections.abc import Sequence
 
@@ -18,7 +21,10 @@ KEYPOINT_LABELS = ("front-left", "front-right", "rear-right", "rear-left")
 
 
 def style() -> None:
-    """Set small, quiet defaults for every figure of the course. Call it once at the top of a notebook."""
+    """Set small, quiet defaults for every figure of the course.
+
+    Call it once at the top of a notebook.
+    """
     matplotlib.rcParams.update(
         {
             "figure.dpi": 100,

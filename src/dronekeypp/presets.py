@@ -151,7 +151,7 @@ def preset(
             settings = ", ".join([*known, *TrainConfig.keys()])
             raise InputError(f"unknown setting {key!r} for {network.method}; known: {settings}")
     own = {key: value for key, value in own.items() if key in known}
-    unused = network.Config.unused({**usual.model, **own})
+    unused = network.unused_settings({**usual.model, **own})
     for key in chosen:
         if key in unused:
             raise InputError(f"{key}={chosen[key]} is not used: {unused[key]}")

@@ -116,13 +116,13 @@ def soft_argmax(logits: Tensor) -> Tensor:
 class Joined(ConcatDataset):
     """This class joins several data sets into one, for `fit`.
 
-    `manifest["digest"]` joins the digests of the parts.
+    `digest` joins the digests of the parts.
     """
 
     def __init__(self, datasets: Sequence[FrameDataset]) -> None:
         super().__init__(datasets)
         self.drones, self.keys = datasets[0].drones, datasets[0].keys
-        self.manifest = {"digest": "+".join(str(d.manifest["digest"]) for d in datasets)}
+        self.digest = "+".join(str(dataset.digest) for dataset in datasets)
 
     def set_epoch(self, epoch: int) -> None:
         """Choose the augmentation of every part."""

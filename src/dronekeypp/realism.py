@@ -1,4 +1,4 @@
-"""How far one set of pictures is from another (Fig. 6 of the paper, with numbers).
+"""Measure how far one set of pictures is from another (Fig. 6 of the paper, with numbers).
 
 This module computes features of crops, and four distances between two sets of features: `frechet`,
 `kernel_mmd`, the AUC of a classifier (`held_out_scores` and `auc`), and the coverage (`covered`).
@@ -170,7 +170,7 @@ def held_out_scores(
         The scores (n,) and (m,). A high score means the second set.
 
     Raises:
-        InputError: one of the sets has fewer groups than folds.
+        InputError: One of the sets has fewer groups than folds.
     """
     if min(len(set(groups_a)), len(set(groups_b))) < folds:
         raise InputError(

@@ -1,4 +1,4 @@
-"""From single frames to a flight: a Gaussian over its poses (the paper's Fig. 4), and a live filter.
+"""Turn single frames into a flight: with a Gaussian over its poses (the paper's Fig. 4), or a live filter.
 
 A pose is R (3, 3), camera←body, and t (3,) metres. A flight is one drone's poses at rising times in seconds.
 Where the drone was lost for longer than `longest_gap` seconds, a new flight begins: neither the Gaussian nor
@@ -32,8 +32,8 @@ def check_flight(
     and None means that every frame counts 1.
 
     Raises:
-        InputError: shapes that do not fit, a number that is not finite, an R that is no rotation, times that
-            do not rise, or a weight below 0.
+        InputError: The shapes do not fit, a number is not finite, an R is no rotation, the times do not rise,
+            or a weight is below 0.
     """
     R = np.asarray(R, dtype=np.float64)
     t = np.asarray(t, dtype=np.float64)
@@ -59,7 +59,7 @@ def check_flight(
 
 
 def default_longest_gap(time: ArrayLike) -> float:
-    """The longest step in seconds that does not begin a new flight, for frames at the times (F,).
+    """Return the longest step in seconds that does not begin a new flight, for frames at the times (F,).
 
     It is half a second, or five times the median step where that is longer: footage of one frame a second
     would otherwise fall apart into flights of one frame.
@@ -71,7 +71,7 @@ def default_longest_gap(time: ArrayLike) -> float:
 
 
 def flights(time: ArrayLike, longest_gap: float | None = None) -> list[slice]:
-    """Slices of the frames between gaps, for rising times (F,) in seconds.
+    """Return slices of the frames between gaps, for rising times (F,) in seconds.
 
     A step of more than `longest_gap` seconds begins a new flight. None means `default_longest_gap`.
     """
@@ -90,7 +90,7 @@ def gaussian(
     weights: ArrayLike | None = None,
     longest_gap: float | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Every pose becomes a mean of its neighbours, weighted by exp(-dt² / 2 sigma²) and by `weights`.
+    """Make every pose a mean of its neighbours, weighted by exp(-dt² / 2 sigma²) and by `weights`.
 
     Rotations are averaged by scipy's `Rotation.mean`. It returns the rotation with the least sum of squared
     chordal distances.
@@ -106,7 +106,7 @@ def gaussian(
         (R, t), smoothed. Every pose depends on later frames too: for live use see `LiveFilter`.
 
     Raises:
-        InputError: see `check_flight`; a sigma below 0; or neighbours whose weights are all 0.
+        InputError: `check_flight` raises it, sigma is below 0, or all neighbours of a frame have weight 0.
     """
     R, t, time, weights = check_flight(R, t, time, weights)
     if not sigma >= 0:
@@ -130,7 +130,7 @@ def gaussian(
 
 
 def inverse_variances(covariance: ArrayLike) -> np.ndarray:
-    """Weights (F, 2) for `gaussian`: 1 / variance of the rotation and 1 / variance of the translation.
+    """Return weights (F, 2) for `gaussian`: 1 / variance of the rotation and 1 / variance of the translation.
 
     The covariances (F, 6, 6) are those of (turn in radians, shift in metres) that a geometric network claims.
     """
@@ -140,7 +140,7 @@ def inverse_variances(covariance: ArrayLike) -> np.ndarray:
 
 @dataclass
 class LiveFilter:
-    """A Kalman filter for poses as they come.
+    """A `LiveFilter` is a Kalman filter for poses as they come.
 
     Its state is the position with its velocity, and the orientation with its rate of turn. It is an
     error-state filter as in Solà, "Quaternion kinematics for the error-state Kalman filter", 2017, with
@@ -187,20 +187,21 @@ class LiveFilter:
         position_cov: ArrayLike | None = None,
         rotation_cov: ArrayLike | None = None,
     ) -> tuple[np.ndarray, np.ndarray] | None:
-        """The pose at `time` (seconds), given all measurements so far and this one.
+        """Return the pose at `time` (seconds), given all measurements so far and this one.
 
         Args:
+            time: in seconds.
             R (3, 3), t (3,) metres: the measurement. Both None: nothing was seen, the filter only predicts.
             position_cov, rotation_cov: covariances (3, 3) of this measurement, m² in camera axes and rad² in
-                body axes. None: the filter's own noise.
+                body axes. None takes the filter's own noise.
 
         Returns:
-            (R, t). None before the first measurement, and once the drone has been lost for longer than
+            (R, t). It is None before the first measurement, and once the drone has been lost for longer than
             `longest_gap`.
 
         Raises:
-            InputError: a time that does not rise, a measurement that is not finite, an R that is no rotation,
-                or a covariance that is not finite or not (3, 3).
+            InputError: The time does not rise, a measurement is not finite, R is no rotation, or a covariance
+                is not finite or not (3, 3).
         """
         if not np.isfinite(time):
             raise InputError(f"time {time}: seconds, finite")
@@ -228,7 +229,7 @@ class LiveFilter:
     def _start(
         self, R: np.ndarray, t: np.ndarray, time: float, position_cov: np.ndarray, rotation_cov: np.ndarray
     ) -> None:
-        """Begin with this measurement: the pose is as sure as it is, and the velocities are unknown."""
+        """Begin with this measurement: take its pose and covariance, with velocities unknown."""
         self.R, self.t, self.time = R, t, time
         self.velocity, self.turn_rate = np.zeros(3), np.zeros(3)  # m/s, camera axes; rad/s, body axes
         self.P_t = np.diag([0.0] * 3 + [START_SPEED**2] * 3)  # (6, 6) of position and velocity
@@ -269,7 +270,7 @@ class LiveFilter:
 
 
 def _checked_pose(R: ArrayLike, t: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Copies of a measured pose as float64, so that the caller may use his arrays again."""
+    """Return copies of a measured pose as float64, so that the caller may use his arrays again."""
     R, t = np.array(R, dtype=np.float64), np.array(t, dtype=np.float64)
     if R.shape != (3, 3) or t.shape != (3,) or not (np.isfinite(R).all() and np.isfinite(t).all()):
         raise InputError(f"a measured pose needs a finite R (3, 3) and t (3,), got {R.shape} and {t.shape}")
@@ -278,7 +279,10 @@ def _checked_pose(R: ArrayLike, t: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _checked_covariance(covariance: ArrayLike | None, noise: float, name: str) -> np.ndarray:
-    """The covariance (3, 3) as float64. None stands for the same standard deviation `noise` on every axis."""
+    """Return the covariance (3, 3) as float64.
+
+    None stands for the same standard deviation `noise` on every axis.
+    """
     if covariance is None:
         covariance = np.eye(3) * noise**2
     covariance = np.asarray(covariance, dtype=np.float64)
@@ -310,17 +314,19 @@ def filtered(
     live: LiveFilter | None = None,
     covariance: ArrayLike | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """`LiveFilter` over a whole recorded flight of F frames: (R, t). It starts again after every gap.
+    """Run a `LiveFilter` over a whole recorded flight of F frames and return (R, t).
+
+    It starts again after every gap.
 
     Args:
         R, t, time: (F, 3, 3), (F, 3) metres, (F,) seconds.
-        live: a filter that has seen nothing yet. None: one with the usual settings, and with
+        live: a filter that has seen nothing yet. None takes one with the usual settings, and with
             `default_longest_gap` of these times.
         covariance: (F, 6, 6) of (turn in radians, shift in metres) in camera axes, as a geometric network
-            claims them. None: the filter's own noise.
+            claims them. None takes the filter's own noise.
 
     Raises:
-        InputError: see `check_flight` and `LiveFilter.update`; or covariances that are not (F, 6, 6).
+        InputError: `check_flight` or `LiveFilter.update` raises it, or the covariances are not (F, 6, 6).
     """
     R, t, time, _ = check_flight(R, t, time)
     if live is None:

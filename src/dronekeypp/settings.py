@@ -19,15 +19,15 @@ class Settings:
     """This is the base of every dataclass of settings.
 
     A subclass lists the allowed words of a text field in `CHOICES`, the smallest value of a number in
-    `LEAST`, and the largest in `MOST`. In `ONLY_WITH` it says that a field is used only where another field
-    has one of some values; elsewhere any value but the default is refused. Every field is an int, float,
-    bool, str or "str | None", or settings of its own.
+    `LEAST`, and the largest in `MOST`. In `ONLY_WITH` it says that a field is used only where other fields
+    have certain values; elsewhere any value but the default is refused. Every field is an int, float, bool,
+    str or "str | None", or settings of its own.
     """
 
     CHOICES: ClassVar[dict[str, tuple[str, ...]]] = {}
     LEAST: ClassVar[dict[str, float]] = {}
     MOST: ClassVar[dict[str, float]] = {}
-    ONLY_WITH: ClassVar[dict[str, tuple[str, tuple[Any, ...]]]] = {}
+    ONLY_WITH: ClassVar[dict[str, tuple[tuple[str, Any], ...]]] = {}
 
     def __post_init__(self) -> None:
         """Convert and check every value.
@@ -59,11 +59,10 @@ class Settings:
         values has its default.
         """
         reasons = {}
-        for name, (other, wanted) in cls.ONLY_WITH.items():
-            value = values.get(other, getattr(cls, other))
-            if not any(_same(value, word) for word in wanted):
-                words = " or ".join(str(word) for word in wanted)
-                reasons[name] = f"it needs {other}={words}"
+        for name, conditions in cls.ONLY_WITH.items():
+            for other, wanted in conditions:
+                if not _same(values.get(other, getattr(cls, other)), wanted):
+                    reasons[name] = f"it needs {other}={wanted}"
         return reasons
 
     @classmethod

@@ -43,7 +43,7 @@ class DroneKey(PoseNetwork):
 
     def prepare(self, annotations: dict[str, Tensor]) -> None:
         """Learn the true hub geometry, which PnP needs."""
-        self.pnp.learn(annotations)
+        self.pnp.learn(annotations, self.drones)
 
     def forward(
         self, image: Tensor, K: Tensor, square: Tensor, label: Tensor | None = None

@@ -7,7 +7,9 @@ out, and so do we.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -38,6 +40,11 @@ class DronePose(PoseNetwork):
     Config = DronePoseConfig
     learns_from = ("R", "t")
     defaults = {"use_rays": False}
+
+    @classmethod
+    def unused_settings(cls, values: Mapping[str, Any]) -> dict[str, str]:
+        """Add the keypoints' unit: DronePose finds none."""
+        return {**super().unused_settings(values), "keypoint_unit": "DronePose finds no keypoints"}
 
     def __init__(self, config: DronePoseConfig | None = None, load_backbone: bool = True) -> None:
         super().__init__()

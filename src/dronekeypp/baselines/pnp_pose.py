@@ -1,20 +1,27 @@
-"""From four keypoints and the true size to a pose: the second half of every keypoint detector + PnP."""
+"""This module goes from four keypoints and the true size to a pose.
+
+It is the second half of every keypoint detector + PnP.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
 from dronekeypp import rotations
+from dronekeypp.classes import DroneClass
+from dronekeypp.data import hubs_of
 from dronekeypp.errors import InputError
-from dronekeypp.pnp import Solution, solve_pnp
+from dronekeypp.pnp import Solution, check_coplanar, solve_pnp
 
 HYPOTHESES = ("fit", "upright")
 
 
 class PnPPose(nn.Module):
-    """PnP with the hubs of the drone whose class it is given.
+    """Run PnP with the hubs of the drone whose class it is given.
 
     The four hubs of a drone lie in one plane, so two poses fit. `hypothesis` chooses between them:
 
@@ -30,7 +37,7 @@ class PnPPose(nn.Module):
         hypothesis: one of HYPOTHESES. It may be changed at any time.
 
     Raises:
-        InputError: an unknown hypothesis.
+        InputError: the hypothesis is unknown.
     """
 
     def __init__(self, classes: int, hypothesis: str = "fit") -> None:
@@ -42,24 +49,31 @@ class PnPPose(nn.Module):
         self.register_buffer("fallback_R", torch.eye(3))
         self.register_buffer("fallback_t", torch.zeros(3))
 
-    def learn(self, annotations: dict[str, Tensor]) -> None:
+    def learn(self, annotations: dict[str, Tensor], drones: Sequence[DroneClass] | None = None) -> None:
         """Take the true hubs of each class, and the constant answer, from the truth of the training frames.
 
         Args:
             annotations: label (F,), R (F, 3, 3), t (F, 3) metres and keypoints_3d (F, 4, 3) metres, stacked.
+            drones: the classes. A class without a frame gets the hubs that are known of it.
 
         Raises:
-            InputError: a class has no frame.
+            InputError: a class has no frame and no known hubs, or hubs do not lie in one plane.
         """
-        R, label = annotations["R"], annotations["label"]
-        body = annotations["keypoints_3d"] @ R  # camera axes -> body axes, (F, 4, 3)
         for c in range(len(self.hubs)):
-            if not (label == c).any():
+            name = drones[c].name if drones else f"class {c}"
+            hubs = hubs_of(annotations, c)
+            if hubs is None and drones and drones[c].hubs is not None:
+                hubs = torch.tensor(drones[c].hubs, dtype=torch.float32)
+            if hubs is None:
                 raise InputError(
-                    f"PnP needs the size of every drone, and the training set has no frame of class {c}"
+                    f"PnP needs the size of every drone, and the training set has no frame of {name}"
                 )
-            self.hubs[c] = body[label == c].median(dim=0).values
-        self.fallback_R.copy_(rotations.best_constant_rotation(R))
+            try:
+                check_coplanar(hubs.numpy())
+            except InputError:
+                raise InputError(f"PnP needs hubs that lie in one plane; those of {name} do not") from None
+            self.hubs[c] = hubs
+        self.fallback_R.copy_(rotations.best_constant_rotation(annotations["R"]))
         self.fallback_t.copy_(annotations["t"].median(dim=0).values)
 
     @torch.no_grad()
@@ -98,7 +112,10 @@ class PnPPose(nn.Module):
         return {"R": R, "t": t, "failed": failed}
 
     def choose(self, solutions: list[Solution]) -> Solution:
-        """The solution that `hypothesis` asks for. `solutions` are sorted by their reprojection error."""
+        """Return the solution that `hypothesis` asks for.
+
+        `solutions` are sorted by their reprojection error.
+        """
         if self.hypothesis == "fit":
             return solutions[0]
         return min(solutions, key=lambda solution: solution.R[1, 2])  # camera y points down

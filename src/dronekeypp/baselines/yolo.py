@@ -1,9 +1,9 @@
-"""YOLOv8n-pose + PnP (Sec. V-B): ultralytics' own keypoint detector, trained from scratch on our crops.
+"""This module trains ultralytics' own keypoint detector from scratch on our crops (YOLOv8n-pose, Sec. V-B).
 
-The library is ultralytics, under AGPL-3.0, and no part of this project's MIT code. It is an optional extra:
-nothing else needs it, and it is used through its own interface. It runs only in a process of its own, because
-it changes threads, print options and settings of the process it runs in. Install it with
-`pip install -e ".[yolo]"`.
+PnP turns its keypoints into a pose. The library is ultralytics, under AGPL-3.0, and no part of this project's
+MIT code. It is an optional extra: nothing else needs it, and it is used through its own interface. It runs
+only in a process of its own, because it changes threads, print options and settings of the process it runs
+in. Install it with `pip install -e ".[yolo]"`.
 
 It has its own training loop, augmentation and checkpoints (.pt, pickled: read only those you made yourself).
 """
@@ -42,7 +42,7 @@ Detection = tuple[list[list[float]], int] | None
 
 
 def installed() -> bool:
-    """Whether the optional extra is there."""
+    """Return whether the optional extra is there."""
     return importlib.util.find_spec("ultralytics") is not None
 
 
@@ -55,15 +55,15 @@ def check_installed() -> None:
 
 
 def _own_process() -> ProcessPoolExecutor:
-    """A fresh process for the library."""
+    """Return a fresh process for the library."""
     check_installed()
     return ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
 
 
 def library(folder: Path) -> Callable[[str], Any]:
-    """The library's class YOLO, with its settings kept in `folder`. It makes no network call.
+    """Return the library's class YOLO, with its settings kept in `folder`.
 
-    It changes the process: call it in one of its own.
+    It makes no network call. It changes the process: call it in one of its own.
     """
     folder.mkdir(parents=True, exist_ok=True)
     os.environ |= {"YOLO_OFFLINE": "true", "YOLO_VERBOSE": "false", "YOLO_CONFIG_DIR": str(folder)}
@@ -119,12 +119,18 @@ def export(datasets: dict[str, FrameDataset], out: str | Path) -> Path:
 
 
 def pixels(images: Tensor) -> np.ndarray:
-    """images (B, 3, S, S) RGB in [0, 1] -> (B, S, S, 3) uint8 BGR, as OpenCV and the library want them."""
+    """Return images (B, 3, S, S) RGB in [0, 1] as (B, S, S, 3) uint8 BGR.
+
+    OpenCV and the library want them so.
+    """
     return (images.flip(1).permute(0, 2, 3, 1).cpu().numpy() * 255).round().astype(np.uint8)
 
 
 def label_line(item: dict[str, Tensor], box: Sequence[float], square: Sequence[float]) -> str:
-    """One annotated crop, its box and square in full-frame pixels, as a line of YOLO's label file."""
+    """Return one annotated crop as a line of YOLO's label file.
+
+    `box` and `square` are its box and square in full-frame pixels.
+    """
     (x, y, w, h), (left, top, side) = box, square
     words = [str(int(item["label"]))]
     for value in ((x + w / 2 - left) / side, (y + h / 2 - top) / side, w / side, h / side):
@@ -143,7 +149,7 @@ def train(
     settings: dict[str, Any],
     device: str = "cpu",
 ) -> Path:
-    """Train yolov8n-pose from scratch on crops. Returns the path of the best checkpoint.
+    """Train yolov8n-pose from scratch on crops, and return the path of the best checkpoint.
 
     A finished training is left alone. One that was killed goes on from its last whole epoch.
 
@@ -176,13 +182,13 @@ def train(
 
 
 def epochs_done(out: Path) -> int:
-    """Whole epochs behind the checkpoints that were kept."""
+    """Return the number of whole epochs behind the checkpoints that were kept."""
     number = out / KEPT / "epoch"
     return int(number.read_text()) if number.is_file() else 0
 
 
 def _train(data: Path, out: Path, settings: dict[str, Any], device: str) -> None:
-    """In a process of its own: train, or go on, and keep both checkpoints after every epoch."""
+    """Train or go on, in a process of its own, and keep both checkpoints after every epoch."""
     YOLO = library(out / "library")
     folder = out / KEPT
     folder.mkdir(exist_ok=True)
@@ -235,7 +241,7 @@ def _train(data: Path, out: Path, settings: dict[str, Any], device: str) -> None
 
 
 def training_record(out: str | Path) -> dict[str, Any]:
-    """Epochs and minutes of a training, over all the legs it was cut into."""
+    """Return the epochs and minutes of a training, over all the legs it was cut into."""
     with open(Path(out) / LOG, newline="") as file:
         seconds = {int(epoch): float(value) for epoch, value in csv.reader(file)}
     return {"epochs": len(seconds), "minutes": round(sum(seconds.values()) / 60, 1)}
@@ -275,7 +281,7 @@ def detect(
 
 
 def _as_output(detections: list[Detection], size: int, classes: int) -> dict[str, Tensor]:
-    """The detections in one batch of pictures of `size` pixels, as a network answers them."""
+    """Return the detections in one batch of pictures of `size` pixels in the form of a network's output."""
     keypoints = torch.full((len(detections), 4, 2), 0.5)
     probs = torch.zeros(len(detections), classes)
     detected = torch.zeros(len(detections), dtype=torch.bool)
@@ -290,12 +296,12 @@ def _as_output(detections: list[Detection], size: int, classes: int) -> dict[str
 
 @functools.cache
 def _detector(weights: Path) -> Any:
-    """In a process of its own: the detector, loaded once for all batches."""
+    """Return the detector, which is loaded once for all batches, in a process of its own."""
     return library(weights.parents[1] / "library")(str(weights))
 
 
 def _detect(weights: Path, pictures: np.ndarray, device: str) -> list[Detection]:
-    """In a process of its own: the detection in each picture (B, S, S, 3) uint8 BGR."""
+    """Return the detection in each picture (B, S, S, 3) uint8 BGR, in a process of its own."""
     answers = _detector(weights).predict(
         list(pictures),
         imgsz=pictures.shape[1],

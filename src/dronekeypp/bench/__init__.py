@@ -1,4 +1,4 @@
-"""`python -m dronekeypp bench`: how fast is it?
+"""`python -m dronekeypp bench` measures how fast each method is.
 
 Every contender waits in a process of its own. All are asked in turn, round after round, so that a busy moment
 hits all of them. Ratios are taken within a round.

@@ -1,4 +1,4 @@
-"""Who takes part: a method, the engine that runs it, a device and a batch size."""
+"""This module says who takes part: a method, the engine that runs it, a device and a batch size."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ BATCHES = {"cpu": (1, 64), "cuda": (1, 512)}  # frames in a call, by device
 
 @dataclass(frozen=True)
 class Contender:
-    """One way to run one method.
+    """A contender is one way to run one method.
 
     `checkpoint` is that of a DroneKey++: a folder, or the exported file. It is empty for the other methods:
     their weights are random, which changes no time.
@@ -36,12 +36,12 @@ class Contender:
 
 
 def contenders(checkpoints: dict[str, str], exported: dict[str, str], threads: int) -> list[Contender]:
-    """Every method with batch 1 and a large one, on the CPU and, where there is one, on the GPU.
+    """Return every method with batch 1 and a large one, on the CPU and, where there is one, on the GPU.
 
     Args:
         checkpoints: {name: folder} of the networks to measure.
         exported: {name: file} of the same networks, where ONNX Runtime is there to run them.
-        threads: of each contender.
+        threads: the threads of each contender.
     """
     devices = ["cpu", "cuda"] if torch.cuda.is_available() else ["cpu"]
     chosen = []
@@ -55,7 +55,7 @@ def contenders(checkpoints: dict[str, str], exported: dict[str, str], threads: i
 def _methods(
     checkpoints: dict[str, str], exported: dict[str, str], device: str
 ) -> list[tuple[str, str, str]]:
-    """The name, the engine and the checkpoint of all that run on a device, in the order of the table."""
+    """Return name, engine and checkpoint of all that run on a device, in the order of the table."""
     methods = []
     for name, folder in checkpoints.items():
         methods += [(name, EAGER, folder), (name, COMPILED, folder)]
@@ -68,7 +68,7 @@ def _methods(
 
 
 def named(checkpoints: Sequence[str | Path]) -> dict[str, str]:
-    """{name: folder} of checkpoints of DroneKey++.
+    """Return {name: folder} of checkpoints of DroneKey++.
 
     The paper's network has the method's name. One with another decoder says which. Where two have the same
     name, the later one adds the name of its folder.

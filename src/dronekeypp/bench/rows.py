@@ -1,4 +1,4 @@
-"""The rows of the result, and the same as a table of text."""
+"""This module makes the rows of the result, and the same as a table of text."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ NO_STAGES = ("whole", "peak_mb")  # what a round holds beside its stages
 def detector_of(
     contender: Contender, chosen: Sequence[Contender], rounds: Sequence[list[Round]]
 ) -> list[Round] | None:
-    """The rounds of the detector on the same device with the same batch, or None where it took no part.
+    """Return the rounds of the detector on the same device with the same batch.
 
-    `rounds` are those of each of the `chosen` contenders.
+    The answer is None where the detector took no part. `rounds` are those of each of the `chosen` contenders.
     """
     wanted = (YOLO, contender.device, contender.batch)
     for other, theirs in zip(chosen, rounds, strict=True):
@@ -31,7 +31,7 @@ def detector_of(
 def row_of(
     contender: Contender, facts: Facts, mine: list[Round], theirs: list[Round] | None
 ) -> dict[str, Any]:
-    """A row of the result, from the rounds of a contender and of the detector."""
+    """Return a row of the result, from the rounds of a contender and of the detector."""
     whole = np.array([times["whole"] for times in mine])
     ratio = None
     if theirs:
@@ -57,7 +57,7 @@ def row_of(
 
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
-    """The rows as text, below a line with the names of the columns."""
+    """Return the rows as text, below a line with the names of the columns."""
     head = f"{'':26s} {'engine':13s} {'device':6s} {'batch':>5s} {'frames/s':>9s} {'× YOLO':>7s} {'MB':>6s}"
     lines = [f"{head} {'params':>7s} {'GFLOP':>6s}  ms a frame"]
     for row in rows:

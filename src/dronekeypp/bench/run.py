@@ -1,4 +1,4 @@
-"""The one who asks: a process for every contender, round after round, and the result."""
+"""This module starts a process for every contender, asks them round after round, and gives the result."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def bench(
     Args:
         checkpoints: folders of DroneKey++ networks.
         json_file: where to write the result.
-        threads: of each contender; by default one a core.
+        threads: the threads of each contender; by default one a core.
         rounds: how often every contender is asked.
         seconds: how long it runs in each round.
         chosen: who takes part; by default `contenders` of the checkpoints.
@@ -95,7 +95,7 @@ def bench(
 
 @dataclass
 class _Participant:
-    """A contender in its process, and what was measured of it."""
+    """A participant is a contender in its process, with what was measured of it."""
 
     contender: Contender
     process: ProcessPoolExecutor
@@ -104,7 +104,10 @@ class _Participant:
 
 
 def _exported(sources: dict[str, str], folder: Path) -> dict[str, str]:
-    """{name: file} of the checkpoints as ONNX files in `folder`; none where the optional extra is missing."""
+    """Write the checkpoints as ONNX files in `folder`, and return {name: file}.
+
+    The answer is empty where the optional extra is missing.
+    """
     if not OnnxNetwork.installed():
         return {}
     files = {}
@@ -116,7 +119,10 @@ def _exported(sources: dict[str, str], folder: Path) -> dict[str, str]:
 def _measure(
     chosen: Sequence[Contender], folder: Path, rounds: int, seconds: float, progress: bool
 ) -> list[_Participant]:
-    """Prepare every contender and ask all of them in turn. Who cannot take part is named and left out."""
+    """Prepare every contender and ask all of them in turn.
+
+    A contender that cannot take part is named and left out.
+    """
     hidden = None if progress else True  # None: shown in a terminal only
     spawn = multiprocessing.get_context("spawn")
     participants = []
@@ -136,7 +142,7 @@ def _measure(
 
 
 def _rows(participants: Sequence[_Participant]) -> list[dict[str, Any]]:
-    """A row for each participant, in the same order."""
+    """Return a row for each participant, in the same order."""
     measured = [participant.contender for participant in participants]
     rounds = [participant.rounds for participant in participants]
     rows = []
@@ -147,7 +153,7 @@ def _rows(participants: Sequence[_Participant]) -> list[dict[str, Any]]:
 
 
 def processor() -> str:
-    """The CPU's name, as far as the system tells."""
+    """Return the CPU's name, as far as the system tells."""
     info = Path("/proc/cpuinfo")
     if info.is_file():
         for line in info.read_text().splitlines():

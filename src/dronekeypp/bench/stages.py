@@ -1,4 +1,4 @@
-"""What each contender is made of: its stages, one after the other, from frames to R and t."""
+"""This module builds the stages of each contender, one after the other, from frames to R and t."""
 
 from __future__ import annotations
 
@@ -32,7 +32,10 @@ Facts = dict[str, int]  # "params" and "flops" of one frame; a multiplication an
 
 
 def build(contender: Contender, folder: Path) -> tuple[Facts, Stages]:
-    """Load or make a contender. What its library has to write goes to `folder`."""
+    """Load or make a contender.
+
+    What its library has to write goes to `folder`.
+    """
     if contender.engine == LIBRARY:
         return _detector(contender, folder)
     if contender.engine == ONNX:
@@ -46,7 +49,10 @@ def build(contender: Contender, folder: Path) -> tuple[Facts, Stages]:
 
 
 def pictures(batch: int) -> list[Frame]:
-    """Frames of made-up footage: one picture of noise, and a box of its own for each of `batch` frames."""
+    """Return frames of made-up footage.
+
+    They share one picture of noise, and each of the `batch` frames has a box of its own.
+    """
     rng = np.random.default_rng(0)
     frame = rng.integers(0, 255, (HEIGHT, WIDTH, 3), dtype=np.uint8)
     frames = []
@@ -57,7 +63,7 @@ def pictures(batch: int) -> list[Frame]:
 
 
 def cut(frames: Sequence[Frame], size: int, device: str) -> Inputs:
-    """What a network is given of some frames: their crops of `size` pixels, cameras and squares."""
+    """Return what a network is given of some frames: their crops of `size` pixels, cameras and squares."""
     crops, squares = [], []
     for frame, box in frames:
         square = square_around(box)
@@ -69,12 +75,12 @@ def cut(frames: Sequence[Frame], size: int, device: str) -> Inputs:
 
 
 def _cameras(batch: int) -> Tensor:
-    """The camera matrix of the footage, once for each frame: (B, 3, 3)."""
+    """Return the camera matrix of the footage, once for each frame: (B, 3, 3)."""
     return torch.tensor(intrinsics(FOCAL, WIDTH, HEIGHT), dtype=torch.float32).expand(batch, 3, 3)
 
 
 def _facts(network: nn.Module, *inputs: Tensor) -> Facts:
-    """Parameters of a network, and its operations for these inputs."""
+    """Return the number of parameters of a network, and of its operations for these inputs."""
     with torch.inference_mode(), FlopCounterMode(display=False) as counter:
         network(*inputs)
     return {"params": sum(p.numel() for p in network.parameters()), "flops": counter.get_total_flops()}
@@ -84,7 +90,7 @@ def _facts(network: nn.Module, *inputs: Tensor) -> Facts:
 
 
 def _dronekeypp(contender: Contender) -> tuple[Facts, Stages]:
-    """A DroneKey++ in PyTorch: of a checkpoint, or the one of the preset `paper`."""
+    """Make a DroneKey++ in PyTorch, from a checkpoint or from the preset `paper`."""
     if contender.name == PAPER_SIZED:
         config, _ = preset("paper", {"backbone_weights": None})
         network = DroneKeyPP(config)
@@ -114,7 +120,7 @@ def _dronekeypp(contender: Contender) -> tuple[Facts, Stages]:
 
 
 def _exported(contender: Contender) -> tuple[Facts, Stages]:
-    """An exported DroneKey++, run by ONNX Runtime.
+    """Load an exported DroneKey++, which ONNX Runtime runs.
 
     It is one graph, so its network and its pose cannot be told apart.
     """
@@ -129,7 +135,7 @@ def _exported(contender: Contender) -> tuple[Facts, Stages]:
 
 
 def _dronepose(contender: Contender) -> tuple[Facts, Stages]:
-    """DronePose with a ResNet-34, on a crop of 224 px."""
+    """Make DronePose with a ResNet-34, on a crop of 224 px."""
     config, _ = preset("paper", {"backbone": "resnet34", "backbone_weights": None}, DronePose)
     device, size = contender.device, config.image_size
     network = DronePose(config, load_backbone=False).to(device).eval()
@@ -143,7 +149,7 @@ def _dronepose(contender: Contender) -> tuple[Facts, Stages]:
 
 
 def _detector(contender: Contender, folder: Path) -> tuple[Facts, Stages]:
-    """YOLOv8n-pose, and PnP with the true size.
+    """Make YOLOv8n-pose, and PnP with the true size.
 
     The untrained detector finds nothing. So PnP gets four points as a Mini 2 would show them.
     """

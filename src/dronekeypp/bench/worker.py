@@ -1,4 +1,4 @@
-"""In a contender's own process: build it once, then run it whenever it is its turn."""
+"""This module runs in a contender's own process: it builds the contender once, then runs it in its turns."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Round = dict[str, float]
 
 @dataclass
 class Prepared:
-    """A contender that is ready to run."""
+    """This class holds a contender that is ready to run."""
 
     contender: Contender
     stages: Stages
@@ -29,7 +29,9 @@ _prepared: list[Prepared] = []  # the one of this process
 
 
 def prepare(contender: Contender, folder: Path) -> Facts | str:
-    """Build the contender of this process and run it once. What it has to write goes below `folder`.
+    """Build the contender of this process and run it once.
+
+    What it has to write goes below `folder`.
 
     Returns:
         Its facts or, in one line, why it cannot take part: there is no C++ compiler to compile with.
@@ -48,7 +50,10 @@ def prepare(contender: Contender, folder: Path) -> Facts | str:
 
 
 def run(seconds: float) -> Round:
-    """One round of this process's contender: calls that take about `seconds` together, and at least one."""
+    """Run one round of this process's contender.
+
+    Its calls take about `seconds` together, and there is at least one.
+    """
     [prepared] = _prepared
     contender, stages = prepared.contender, prepared.stages
     spent, calls, began = dict.fromkeys(stages, 0.0), 0, time.perf_counter()
@@ -71,7 +76,7 @@ def run(seconds: float) -> Round:
 
 
 def _peak_memory() -> float:
-    """Largest resident memory of this process so far, MB.
+    """Return the largest resident memory of this process so far, MB.
 
     On Linux it is not taken from getrusage: that hands a parent's peak on to its children.
     """

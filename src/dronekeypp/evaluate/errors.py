@@ -110,11 +110,13 @@ def translation_errors(predicted: Tensor | None, t: Tensor, nothing: Tensor) -> 
 def keypoint_errors(predicted: Tensor | None, batch: dict, nothing: Tensor) -> dict[str, Tensor]:
     """Return keypoint_units, keypoint_px, keypoint_crop_px, pck and keypoints.
 
-    They are NaN without a prediction.
+    They are NaN without a prediction or without a truth.
     """
-    if predicted is None:
+    if predicted is None or "keypoints" not in batch:
         names = ("keypoint_units", "keypoint_px", "keypoint_crop_px", "pck")
-        return {**dict.fromkeys(names, nothing), "keypoints": nothing[:, None, None].expand(-1, 4, 2)}
+        if predicted is None:
+            predicted = nothing[:, None, None].expand(-1, 4, 2)
+        return {**dict.fromkeys(names, nothing), "keypoints": predicted}
     apart = (predicted - batch["keypoints"]).norm(dim=-1)  # (B, 4) crop units
     units = apart.mean(dim=-1)
     near = torch.where(apart.isnan(), apart, (apart * MARGIN < PCK).to(apart.dtype))

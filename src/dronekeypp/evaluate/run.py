@@ -16,7 +16,7 @@ from torch.utils.data import DataLoader, Dataset
 from tqdm import tqdm
 
 from dronekeypp import checkpoint, data, rotations
-from dronekeypp.classes import match, names_of
+from dronekeypp.classes import are_named, match, names_of
 from dronekeypp.errors import InputError
 from dronekeypp.evaluate.errors import frame_errors
 from dronekeypp.evaluate.statistics import Frames, averages, format_table, json_values, summarise
@@ -85,12 +85,12 @@ def evaluate(
     """
     if len(dataset) == 0:
         raise InputError("nothing to evaluate: the data set has no frames")
-    data.require(dataset, data.EVALUATED, "an evaluation")
+    truth_inputs = getattr(model, "truth_inputs", ())
+    data.require(dataset, (*truth_inputs, *data.EVALUATED), "an evaluation")
     check_drones(model, dataset)
     # An exported file has no mode and no parameters; an empty module stands for it.
     network = model if isinstance(model, nn.Module) else nn.Module()
     device = next((p.device for p in network.parameters()), torch.device("cpu"))
-    truth_inputs = getattr(model, "truth_inputs", ())
     parts, sums = [], {}
     must_be_finite: list[str] = []
     was_training = network.training
@@ -102,9 +102,7 @@ def evaluate(
                 items = to_device(items, device)
                 output = apply_model(model, items, truth_inputs)
                 parts.append(frame_errors(output, items))
-                must_be_finite = [
-                    name for name, part in MUST_BE_FINITE.items() if output.get(part) is not None
-                ]
+                must_be_finite = measured_errors(output, items)
                 for name, value in (criterion(output, items) if criterion else {}).items():
                     sums[name] = sums.get(name, 0.0) + value.item() * len(items["t"])
     finally:
@@ -114,6 +112,18 @@ def evaluate(
     if criterion:
         frames["losses"] = {name: total / len(dataset) for name, total in sums.items()}
     return frames
+
+
+def measured_errors(output: dict, items: dict) -> list[str]:
+    """Return the errors that must be finite.
+
+    The network predicts their part, and the data set has its truth.
+    """
+    names = []
+    for name, part in MUST_BE_FINITE.items():
+        if output.get(part) is not None and part in items:
+            names.append(name)
+    return names
 
 
 def check_finite(frames: Frames, names: Sequence[str]) -> None:
@@ -145,6 +155,8 @@ def check_drones(model: nn.Module | Callable, dataset: Dataset) -> None:
     drones = data.drones_of(dataset)
     if drones is None or not tells_drones_apart(model):
         return
+    if not are_named(model.drones) and len(model.drones) == len(drones):
+        return  # nothing is known of its classes
     if match(drones, model.drones) != list(range(len(drones))):
         raise InputError(
             f"the data set's drones are {', '.join(names_of(drones))}; "
@@ -164,20 +176,29 @@ def share_drones(model: nn.Module | Callable, dataset: FrameDataset) -> tuple[Da
     """
     if not tells_drones_apart(model):
         return dataset, ""
+    if not are_named(model.drones) and len(model.drones) == len(dataset.drones):
+        return dataset, "the checkpoint does not name its classes; they are taken in the data set's order"
     indices = match(dataset.drones, model.drones)
-    present = sorted(set(dataset.labels))
-    shared = [dataset.drones[i].name for i in present if indices[i] is not None]
-    strange = [dataset.drones[i].name for i in present if indices[i] is None]
+    shared, strange, reshaped = [], [], []
+    for label in sorted(set(dataset.labels)):
+        name = dataset.drones[label].name
+        if indices[label] is not None:
+            shared.append(name)
+        else:
+            (reshaped if name in names_of(model.drones) else strange).append(name)
+    left_out = []
+    if strange:
+        left_out.append(f"the network does not know {', '.join(strange)}")
+    if reshaped:
+        left_out.append(f"the hubs of {', '.join(reshaped)} are not those that it was trained on")
     if not shared:
         raise InputError(
-            f"{dataset.root} holds {', '.join(strange)}, and the network knows "
-            f"{', '.join(names_of(model.drones))}: no drone in common, or their hubs differ"
+            f"{dataset.root} has no drone in common with the network, which knows "
+            f"{', '.join(names_of(model.drones))}: {'; '.join(left_out)}"
         )
     if indices == list(range(len(indices))):
         return dataset, ""
-    sentence = f"measured on {', '.join(shared)}"
-    if strange:
-        sentence += f"; left out, because the network does not know them: {', '.join(strange)}"
+    sentence = "; ".join([f"measured on {', '.join(shared)}", *left_out])
     return Relabelled(dataset, indices, model.drones), sentence
 
 
@@ -234,19 +255,32 @@ def evaluate_checkpoint(
     dataset, left_out = share_drones(model, whole)
     if left_out:
         print(f"{dataset_root}: {left_out}")
+    if whole.left_out:
+        print(
+            f"{dataset_root}: {whole.left_out} drones left out, the middle of whose box is not in the picture"
+        )
 
     def show(batches: DataLoader) -> tqdm:
         return tqdm(batches, split, leave=False, disable=None if progress else True)
 
     frames = evaluate(model, dataset, progress=show)
-    names = names_of(model.drones if tells_drones_apart(model) else whole.drones)
+    named = tells_drones_apart(model) and are_named(model.drones)
+    names = names_of(model.drones if named else whole.drones)
     rows, means = summarise(frames, names, method=model.method), averages(frames, method=model.method)
     print(format_table(rows + means))
+    if not whole.manifest:
+        print(flight_legend(whole))
     if json_file:
-        described = {"split": split, "digest": whole.manifest.get("digest")}
+        described = {"split": split, "digest": whole.digest}
         result = json_values({"name": "evaluate", "dataset": described, "rows": rows, "averages": means})
         write_beside(Path(json_file), (json.dumps(result, indent=1) + "\n").encode())
     return rows
+
+
+def flight_legend(dataset: FrameDataset) -> str:
+    """Say which flight folder each scene number of a table stands for."""
+    flights = {frame.scene: frame.folder.name for frame in dataset.stored}
+    return "scenes: " + ", ".join(f"{number} {name}" for number, name in flights.items())
 
 
 def check_writable(path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Your own pictures: a video, a folder or one image, and the camera's calibration.
+"""Read your own pictures: a video, a folder or one image, and the camera's calibration.
 
 The drone's boxes come from any detector, or from one box and a tracker.
 """

@@ -1,6 +1,7 @@
-"""One reader for each format of boxes; `boxes.read_boxes` chooses among them. Each yields a `BoxRow` a box.
+"""Provide one reader for each format of boxes, among which `boxes.read_boxes` chooses.
 
-Every reader raises InputError, naming file and line, for what is not of its format.
+Each yields one `BoxRow` for each box. Every reader raises InputError, naming file and line, for what is not
+of its format.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ CSV_COLUMNS = ("frame", "x", "y", "w", "h")
 
 
 class BoxRow(NamedTuple):
-    """One box of a file."""
+    """Hold one box of a file."""
 
     where: str  # its file and line, for messages
     frame: int  # the number of its frame, from 0
@@ -34,7 +35,10 @@ class BoxRow(NamedTuple):
 def read_yolo_folder(
     folder: Path, names: tuple[str, ...], frame_of: Mapping[str, int], width: int, height: int
 ) -> Iterator[BoxRow]:
-    """A folder with one label file a frame. Files of other names, such as classes.txt, are passed over."""
+    """Read a folder with one label file for each frame.
+
+    Files of other names, such as classes.txt, are passed over.
+    """
     for file in sorted(folder.glob("*.txt")):
         frame = _labelled_frame(file.stem, names, frame_of)
         if frame >= 0:
@@ -42,7 +46,7 @@ def read_yolo_folder(
 
 
 def _labelled_frame(stem: str, names: tuple[str, ...], frame_of: Mapping[str, int]) -> int:
-    """The frame number of a YOLO label file, or -1 if it belongs to none of the footage's frames.
+    """Return the frame number of a YOLO label file, or -1 if it belongs to none of the footage's frames.
 
     Detectors call the label files of a video NAME_1, NAME_2 …
     """
@@ -53,7 +57,7 @@ def _labelled_frame(stem: str, names: tuple[str, ...], frame_of: Mapping[str, in
 
 
 def read_yolo(path: Path, frame: int, width: int, height: int) -> Iterator[BoxRow]:
-    """The boxes of one frame: class cx cy w h [confidence [track]], shares of the frame."""
+    """Read the boxes of one frame: class cx cy w h [confidence [track]], as shares of the frame."""
     for where, values in _lines(path, None):
         if len(values) < 5:
             raise InputError(f"{where}: a YOLO line is class cx cy w h [confidence]")
@@ -63,7 +67,7 @@ def read_yolo(path: Path, frame: int, width: int, height: int) -> Iterator[BoxRo
 
 
 def read_mot(path: Path) -> Iterator[BoxRow]:
-    """MOT: frame (from 1), id, x, y, w, h[, confidence …]."""
+    """Read a MOT file with the columns frame (from 1), id, x, y, w, h[, confidence …]."""
     for where, values in _lines(path, ","):
         if len(values) < 6:
             raise InputError(f"{where}: a MOT line is frame, id, x, y, w, h[, confidence …]")
@@ -76,7 +80,7 @@ def read_mot(path: Path) -> Iterator[BoxRow]:
 
 
 def _lines(path: Path, separator: str | None) -> Iterator[tuple[str, list[float]]]:
-    """The numbers of each line that is not empty, and where it stands."""
+    """Yield the place and the numbers of each line that is not empty."""
     for number, line in enumerate(path.read_text(errors="replace").splitlines(), 1):
         if not line.strip():
             continue
@@ -92,7 +96,7 @@ def _lines(path: Path, separator: str | None) -> Iterator[tuple[str, list[float]
 
 
 def read_csv(path: Path, frame_of: Mapping[str, int]) -> Iterator[BoxRow]:
-    """A table with a header: frame, x, y, w, h[, score]."""
+    """Read a table with the header frame, x, y, w, h[, score]."""
     rows = _csv_rows(path)
     # "12" may be a name or a number, but not both in one file.
     by_name = all(row["frame"] in frame_of for row in rows)
@@ -127,9 +131,9 @@ def _csv_rows(path: Path) -> list[dict[str, str]]:
 
 
 def read_coco(path: Path, frame_of: Mapping[str, int], places: Sequence[tuple[str, str]]) -> Iterator[BoxRow]:
-    """A COCO list of detections, or a COCO data set with images and annotations.
+    """Read a COCO list of detections, or a COCO data set with images and annotations.
 
-    `places`: of every frame its path without suffix, as given and with links resolved.
+    `places` holds for every frame its path without suffix, as given and with links resolved.
     """
     content = read_json(path)
     entries, frames = content, {}
@@ -156,7 +160,10 @@ def read_coco(path: Path, frame_of: Mapping[str, int], places: Sequence[tuple[st
 def _annotated_frame(
     image_id: Any, frames: Mapping[Any, int | None], frame_of: Mapping[str, int]
 ) -> int | None:
-    """The frame that an annotation belongs to. Without a list of images its id is a name or a number."""
+    """Return the frame that an annotation belongs to.
+
+    Without a list of images, its id is a name or a number.
+    """
     if frames:
         return frames[image_id]
     return frame_of[image_id] if isinstance(image_id, str) else int(image_id)
@@ -165,7 +172,7 @@ def _annotated_frame(
 def _frames_of_images(
     path: Path, images: Any, frame_of: Mapping[str, int], places: Sequence[tuple[str, str]]
 ) -> dict[int | float | str, int | None]:
-    """{id of an image: the frame of the footage that it is, or None where it is none}.
+    """Return {id of an image: the frame of the footage that it is, or None where it is none}.
 
     Where the images of several flights have a frame's name, those count whose folders are the footage's.
     """
@@ -194,6 +201,6 @@ def _frames_of_images(
 
 
 def _lies_at(name: str, places: tuple[str, str]) -> bool:
-    """Whether a file_name of COCO ends like one of the places of a frame, folders included."""
+    """Tell whether a file_name of COCO ends like one of the places of a frame, folders included."""
     tail = "/" + Path(name).with_suffix("").as_posix().lstrip("/")
     return any(place.endswith(tail) for place in places)

@@ -1,4 +1,4 @@
-"""Boxes of the drone, one a frame, from the files that detectors and annotation tools write."""
+"""Read boxes of the drone, one for each frame, from the files that detectors and annotation tools write."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ SLIVER = 1.0  # pixels: what a detector leaves of a box at the frame's edge
 def read_boxes(
     path: str | Path, names: tuple[str, ...], width: int, height: int, folder: str | Path = "."
 ) -> dict[int, np.ndarray]:
-    """Read one box for each frame. Of several boxes in a frame the most confident counts.
+    """Read one box for each frame.
 
-    The format follows from the file:
+    Of several boxes in a frame the most confident counts. The format follows from the file:
         COCO    .json: a list of detections, or a data set with images and annotations
         YOLO    a folder with one .txt a frame, named like the frame, or NAME_1.txt, NAME_2.txt … for a video;
                 one .txt without commas for one image. A line: class cx cy w h [confidence], shares of the
@@ -38,7 +38,7 @@ def read_boxes(
         {frame number: box (x, y, w, h) in pixels}, in the order of the frames.
 
     Raises:
-        InputError: the path is not found, it is not one of these formats, or a line is not valid (the message
+        InputError: The path is not found, it is not one of these formats, or a line is not valid (the message
             names the line).
     """
     path = Path(path)
@@ -66,7 +66,7 @@ def read_boxes(
 def _rows(
     path: Path, names: tuple[str, ...], width: int, height: int, folder: str | Path
 ) -> Iterable[BoxRow]:
-    """All boxes of a file or folder, by its format."""
+    """Yield all boxes of a file or folder, by its format."""
     frame_of = {name: number for number, name in enumerate(names)}
     for number, name in enumerate(names):
         frame_of[Path(name).stem] = number
@@ -84,7 +84,7 @@ def _rows(
 
 
 def _places(folder: str | Path, names: tuple[str, ...]) -> list[tuple[str, str]]:
-    """Of every frame its path without suffix, as given and with links resolved."""
+    """Return for every frame its path without suffix, as given and with links resolved."""
     given, resolved = Path(os.path.abspath(folder)), Path(folder).resolve()
     places = []
     for name in names:
@@ -94,10 +94,10 @@ def _places(folder: str | Path, names: tuple[str, ...]) -> list[tuple[str, str]]
 
 
 def check_box(box: Sequence[float] | np.ndarray, width: int, height: int, where: str) -> np.ndarray:
-    """The box (x, y, w, h) as a float64 array (4,).
+    """Return the box (x, y, w, h) as a float64 array (4,).
 
     Raises:
-        InputError: the box is not finite, has no area, or lies wholly outside the frame of `width` × `height`
+        InputError: The box is not finite, has no area, or lies wholly outside the frame of `width` × `height`
             pixels. The message begins with `where`.
     """
     box = np.array(box, dtype=np.float64)

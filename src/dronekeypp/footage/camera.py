@@ -1,4 +1,4 @@
-"""The camera's calibration, as OpenCV or anybody else writes it."""
+"""Read the camera's calibration, as OpenCV or anybody else writes it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ HALF_PIXEL = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
 
 @dataclass(frozen=True)
 class Calibration:
-    """What a lens does.
+    """Describe what a lens does.
 
     Attributes:
         K: (3, 3) the camera matrix of the whole frame, pixels, with pixel centres at +0.5.
@@ -38,10 +38,12 @@ class Calibration:
     size: tuple[int, int] | None = None
 
     def for_frames(self, width: int, height: int) -> Calibration:
-        """The calibration of frames of another size, if they are the calibrated ones made smaller or larger.
+        """Return the calibration of frames of another size.
+
+        They must be the calibrated frames made smaller or larger.
 
         Raises:
-            InputError: the frames have another shape: then they were cut, and the matrix cannot be known. Or
+            InputError: The frames have another shape. Then they were cut, and the matrix cannot be known. Or
                 no lens has such a focal length.
         """
         calibrated_width = self.size[0] if self.size else width
@@ -62,15 +64,15 @@ class Calibration:
 
     @property
     def opencv_K(self) -> np.ndarray:
-        """K (3, 3) as OpenCV counts: its pixel centres start from 0, where ours lie at +0.5."""
+        """Return K (3, 3) as OpenCV counts: its pixel centres start from 0, where ours lie at +0.5."""
         return self.K - HALF_PIXEL
 
     def undistort(self, image: np.ndarray) -> np.ndarray:
-        """The picture (H, W, 3) that a pinhole camera with the same K would have taken."""
+        """Return the picture (H, W, 3) that a pinhole camera with the same K would have taken."""
         return image if self.distortion is None else cv2.undistort(image, self.opencv_K, self.distortion)
 
     def undistort_box(self, box: np.ndarray) -> np.ndarray:
-        """The box (x, y, w, h) in the undistorted picture that surrounds a box of the distorted one.
+        """Return the box (x, y, w, h) in the undistorted picture that surrounds a box of the distorted one.
 
         Points along the four edges are undistorted, because a straight edge becomes a curve.
         """
@@ -91,16 +93,16 @@ class Calibration:
 
 
 def read_camera(path: str | Path) -> Calibration:
-    """Read a calibration in OpenCV's own format (YAML, XML or JSON, as its calibration sample writes it), or
-    in plain JSON.
+    """Read a calibration in OpenCV's own format, or in plain JSON.
 
-    The entries read are `camera_matrix` (or cameraMatrix, K), `distortion_coefficients` (or dist_coeffs,
-    distCoeffs, D), `image_width` and `image_height`. OpenCV counts pixel centres from 0, this package from
-    0.5: the principal point is moved by half a pixel. The `scene_camera.json` of a flight of 6DroneSyn is
-    read as well, and it counts as this package does.
+    OpenCV's own format is YAML, XML or JSON, as its calibration sample writes it. The entries read are
+    `camera_matrix` (or cameraMatrix, K), `distortion_coefficients` (or dist_coeffs, distCoeffs, D),
+    `image_width` and `image_height`. OpenCV counts pixel centres from 0 and this package from 0.5, so the
+    principal point is moved by half a pixel. The `scene_camera.json` of a flight of 6DroneSyn is read as
+    well, and it counts as this package does.
 
     Raises:
-        InputError: the file is not found or unreadable. It holds no camera matrix, one that is not valid, or
+        InputError: The file is not found or unreadable. It holds no camera matrix, one that is not valid, or
             a fisheye's. Or it is that of a flight with several cameras.
     """
     path = Path(path)
@@ -147,7 +149,7 @@ def read_camera(path: str | Path) -> Calibration:
 
 
 def _first_of(values: dict[str, Any], names: Sequence[str]) -> Any:
-    """The first value under one of several names, or None."""
+    """Return the first value under one of several names, or None."""
     for name in names:
         if values.get(name) is not None:
             return values[name]
@@ -165,7 +167,7 @@ def _check_distortion(distortion: np.ndarray | None, path: Path) -> None:
 
 
 def _read_object(path: Path) -> dict[str, Any]:
-    """A JSON file that holds an object."""
+    """Read a JSON file that holds an object."""
     values = read_json(path)
     if not isinstance(values, dict):
         raise InputError(f"{path}: holds no settings but a {type(values).__name__}")
@@ -173,7 +175,7 @@ def _read_object(path: Path) -> dict[str, Any]:
 
 
 def _matrix_of_a_flight(path: Path) -> Any:
-    """The cam_K that all frames of a BOP scene_camera.json share."""
+    """Return the cam_K that all frames of a BOP scene_camera.json share."""
     frames = _read_object(path).values()
     cameras = [frame.get("cam_K") if isinstance(frame, dict) else None for frame in frames]
     if not cameras or any(camera != cameras[0] for camera in cameras):
@@ -182,7 +184,10 @@ def _matrix_of_a_flight(path: Path) -> Any:
 
 
 def _plain_json(path: Path) -> dict[str, Any] | None:
-    """JSON as anyone would write it, or OpenCV's with the data of its matrices. None if it is no JSON."""
+    """Read JSON as anyone would write it, or OpenCV's with the data of its matrices.
+
+    The answer is None if the file is no JSON.
+    """
     if path.suffix.lower() != ".json":
         return None
     values = {}
@@ -192,7 +197,7 @@ def _plain_json(path: Path) -> dict[str, Any] | None:
 
 
 def _opencv_nodes(path: Path) -> dict[str, Any]:
-    """The entries of a file of OpenCV's, as far as they are looked at."""
+    """Read the entries of a file of OpenCV's, as far as they are looked at."""
     values = {}
     try:
         file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)

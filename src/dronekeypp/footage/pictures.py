@@ -1,4 +1,4 @@
-"""The pictures of some footage, in order: the frames of a video, the images of a folder, or one image."""
+"""Read the pictures of some footage in order: the frames of a video, the images of a folder, or one image."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".m4v", ".webm")
 
 @dataclass(frozen=True)
 class Footage:
-    """Frames in order.
+    """Hold frames in order.
 
     Attributes:
         path: the video, the folder of images, or the image.
@@ -33,18 +33,27 @@ class Footage:
 
     @property
     def is_video(self) -> bool:
-        """Whether it is a video file. A folder is none, whatever its name ends in."""
+        """Tell whether it is a video file.
+
+        A folder is none, whatever its name ends in.
+        """
         return self.path.suffix.lower() in VIDEOS and not self.path.is_dir()
 
     @property
     def folder(self) -> Path:
-        """Where its frames lie. Those of a video count as if they lay in a folder with its name."""
+        """Return the folder where its frames lie.
+
+        Those of a video count as if they lay in a folder with its name.
+        """
         if self.is_video:
             return self.path.with_suffix("")
         return self.path if self.path.is_dir() else self.path.parent
 
     def digest(self) -> str:
-        """What tells it from other footage at the same place: the names and sizes of its files."""
+        """Return what tells it from other footage at the same place.
+
+        This covers the names and sizes of its files.
+        """
         files = [self.path] if self.is_video else [self.folder / name for name in self.names]
         lines = []
         for file in files:
@@ -53,7 +62,7 @@ class Footage:
         return digest(os.fsencode("\n".join(lines)))
 
     def read(self, start: int = 0) -> Iterator[tuple[int, np.ndarray | None]]:
-        """The frames from number `start` on.
+        """Yield the frames from number `start` on.
 
         Yields:
             (number, image (H, W, 3) uint8 RGB). The image is None where the frame cannot be read.
@@ -81,7 +90,7 @@ class Footage:
 
 
 def read_picture(path: Path) -> np.ndarray | None:
-    """An image file as (H, W, 3) uint8 RGB, or None if it is missing or broken."""
+    """Read an image file as (H, W, 3) uint8 RGB, or return None if it is missing or broken."""
     try:
         data = np.frombuffer(path.read_bytes(), np.uint8)
     except OSError:
@@ -94,7 +103,7 @@ def open_footage(path: str | Path) -> Footage:
     """Open a video, a folder of images (in the order of their names) or one image.
 
     Raises:
-        InputError: the path does not exist, the folder holds no image, or the file is neither an image nor a
+        InputError: The path does not exist, the folder holds no image, or the file is neither an image nor a
             video.
     """
     path = Path(path)
@@ -111,7 +120,7 @@ def open_footage(path: str | Path) -> Footage:
 
 
 def _image_names(folder: Path) -> tuple[str, ...]:
-    """The names of the images in a folder, in order."""
+    """Return the names of the images in a folder, in order."""
     names = []
     for path in folder.iterdir():
         if path.suffix.lower() in IMAGES and not path.name.startswith("."):
@@ -122,7 +131,7 @@ def _image_names(folder: Path) -> tuple[str, ...]:
 
 
 def _count_frames(path: Path) -> tuple[int, float | None]:
-    """The number of frames of a video, and its frames a second where it knows them."""
+    """Return the number of frames of a video, and its frames a second where it knows them."""
     video = cv2.VideoCapture(str(path))
     try:
         promised = video.get(cv2.CAP_PROP_FRAME_COUNT)

@@ -1,4 +1,4 @@
-"""One box, carried from the first frame through the footage."""
+"""Carry one box from the first frame through the footage."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dronekeypp.errors import InputError
 
 
 class Tracker:
-    """Carries a first-frame box through the footage with OpenCV's MIL tracker, which needs no model file.
+    """A tracker carries a first-frame box through the footage with OpenCV's MIL, which needs no model file.
 
     It follows what looks most alike, and does not notice when the drone is gone: look at the overlay.
 
@@ -25,12 +25,12 @@ class Tracker:
         self.tracker: cv2.TrackerMIL | None = None  # begins at the first frame
 
     def follow(self, image: np.ndarray) -> np.ndarray | None:
-        """The box (x, y, w, h) in this frame (H, W, 3), or None where the tracker gives up.
+        """Return the box (x, y, w, h) in this frame (H, W, 3), or None where the tracker gives up.
 
         The first call takes the box as it was given.
 
         Raises:
-            InputError: less than two pixels of the first box lie in the frame.
+            InputError: Less than two pixels of the first box lie in the frame.
         """
         picture = np.ascontiguousarray(image[..., ::-1])
         if self.tracker is None:

@@ -5,7 +5,7 @@ These are its settings, a backbone, the drones it knows, and what training and e
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -33,7 +33,7 @@ class PoseNetwork(nn.Module):
 
     method: ClassVar[str]  # its name in tables and checkpoints
     Config: ClassVar[type[Settings]]  # its settings; others are refused
-    learns_from: ClassVar[tuple[str, ...]] = ()  # the keys of a frame that its losses and `prepare` read
+    learns_from: tuple[str, ...] = ()  # the keys of a frame that its losses and `prepare` read
     truth_inputs: tuple[str, ...] = ()  # the keys of the truth that it is given beside the picture
     judged_by: ClassVar[str] = "pose"  # what chooses the best checkpoint: "pose" | "keypoints"
     defaults: ClassVar[dict[str, Any]] = {}  # settings in which it differs from a preset, unless chosen
@@ -63,6 +63,14 @@ class PoseNetwork(nn.Module):
         if len(drones) != classes:
             raise InputError(f"{len(drones)} drones for a network with {classes} classes")
         self._drones = tuple(drones)
+
+    @classmethod
+    def unused_settings(cls, values: Mapping[str, Any]) -> dict[str, str]:
+        """Return the settings of network and training that do not count beside `values`, and why.
+
+        A method that reads only a part of `TrainConfig` adds the others.
+        """
+        return cls.Config.unused(values)
 
     def losses(self, output: dict, batch: dict, keypoint_unit: float) -> dict[str, Tensor]:
         """Return the terms of its loss as scalars, unweighted, under names of `losses.TERMS`.

@@ -28,8 +28,8 @@ class BackboneConfig(Settings):
     }
     LEAST: ClassVar[dict[str, float]] = {"image_size": 32}
     MOST: ClassVar[dict[str, float]] = {"image_size": 4096}
-    ONLY_WITH: ClassVar[dict[str, tuple[str, tuple[Any, ...]]]] = {
-        "backbone_stride": ("backbone", ("compact",)),
+    ONLY_WITH: ClassVar[dict[str, tuple[tuple[str, Any], ...]]] = {
+        "backbone_stride": (("backbone", "compact"),),
     }
 
     def __post_init__(self) -> None:
@@ -82,7 +82,7 @@ class EncoderConfig(BackboneConfig):
         "heads": 1,
         "ffn": 1,
         "dropout": 0,
-        "classes": 2,
+        "classes": 1,
     }
     # Far above any useful value: without a limit a typing error would ask for all the memory there is.
     MOST: ClassVar[dict[str, float]] = {

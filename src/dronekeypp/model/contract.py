@@ -38,6 +38,8 @@ class Decoder(nn.Module):
     Config: ClassVar[type[Settings]]  # its own settings; no name may be one of the network's
     outputs: ClassVar[tuple[str, ...]] = ()  # what it answers beside the pose, in an exported file too
     needs_image: ClassVar[bool] = False  # whether it looks at the picture, beside keypoints and class
+    # What its losses and `prepare` read of a frame's truth.
+    learns_from: tuple[str, ...] = ("R", "t", "keypoints", "keypoints_3d", "label")
 
     def look(self, levels: list[Tensor], encoded: dict) -> dict:
         """Look at the picture, and return what the encoder answered together with what is added.

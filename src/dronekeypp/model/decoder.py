@@ -45,9 +45,9 @@ class DecoderConfig(Settings):
     }
     LEAST: ClassVar[dict[str, float]] = {"decoder_width": 1, "decoder_layers": 1}
     MOST: ClassVar[dict[str, float]] = {"decoder_width": 65536, "decoder_layers": 64}
-    ONLY_WITH: ClassVar[dict[str, tuple[str, tuple[Any, ...]]]] = {
-        "rays": ("use_rays", (True,)),
-        "angle_zero": ("rotation", ("euler",)),
+    ONLY_WITH: ClassVar[dict[str, tuple[tuple[str, Any], ...]]] = {
+        "rays": (("use_rays", True),),
+        "angle_zero": (("rotation", "euler"),),
     }
 
 
@@ -192,6 +192,12 @@ class PoseDecoder(Decoder):
                 self.mlp_pose[-1].bias[: self.rotation.size] = torch.tensor(self.rotation.start)
             if config.translation == "site":  # start with a drone whose hubs lie 0.2 m from its centre
                 self.mlp_pose[-1].bias[-1:] = math.log(0.2)
+
+    @property
+    def learns_from(self) -> tuple[str, ...]:
+        """Return what its losses read of a frame's truth. Without MLP_3D that is no 3D keypoints."""
+        keys = ("R", "t", "keypoints", "label")
+        return (*keys, "keypoints_3d") if self.config.use_3d else keys
 
     def prepare(self, annotations: dict[str, Tensor]) -> None:
         """Set the ray statistics from the true keypoints of training frames, if rays are used."""

@@ -52,9 +52,9 @@ class ModelConfig(EncoderConfig):
         "encoder": ("learned", "truth"),
         "classifier": ("cls", "features"),
     }
-    ONLY_WITH: ClassVar[dict[str, tuple[str, tuple[Any, ...]]]] = {
-        **dict.fromkeys(SEEING, ("encoder", ("learned",))),
-        **EncoderConfig.ONLY_WITH,
+    ONLY_WITH: ClassVar[dict[str, tuple[tuple[str, Any], ...]]] = {
+        **dict.fromkeys(SEEING, (("encoder", "learned"),)),
+        "backbone_stride": (("encoder", "learned"), ("backbone", "compact")),
     }
 
     def __post_init__(self) -> None:
@@ -117,7 +117,11 @@ def decoder_class(name: Any) -> type[Decoder]:
     """
     if not isinstance(name, str) or name not in DECODERS:
         raise InputError(f"pose={name!r} is not one of: {', '.join(DECODERS)}")
-    return DECODERS[name]
+    decoder = DECODERS[name]
+    shared = set(decoder.Config.keys()) & set(ModelConfig.own_keys())
+    if shared:
+        raise InputError(f"{decoder.__name__}: its setting {sorted(shared)[0]!r} is one of the network's")
+    return decoder
 
 
 class DroneKeyPP(PoseNetwork):
@@ -129,7 +133,6 @@ class DroneKeyPP(PoseNetwork):
 
     method = "DroneKey++"
     Config = ModelConfig
-    learns_from = ("R", "t", "keypoints", "keypoints_3d", "label")
 
     def __init__(self, config: ModelConfig | None = None, load_backbone: bool = True) -> None:
         super().__init__()
@@ -143,6 +146,20 @@ class DroneKeyPP(PoseNetwork):
             if config.classifier == "features":
                 self.classifier = nn.Linear(self.backbone.channels, config.classes)
         self.decoder = decoder_class(config.pose)(config.decoder, config.classes, picture)
+
+    @property
+    def learns_from(self) -> tuple[str, ...]:
+        """Return what the decoder reads of a frame's truth; it has the losses."""
+        return self.decoder.learns_from
+
+    @classmethod
+    def unused_settings(cls, values: Mapping[str, Any]) -> dict[str, str]:
+        """Add what concerns the picture alone, where there is no encoder."""
+        unused = super().unused_settings(values)
+        if values.get("encoder") == "truth":
+            reason = "it needs encoder=learned"
+            unused |= {"backbone_lr": reason, "precision": reason, "degrade": reason}
+        return unused
 
     def encode(self, image: Tensor) -> dict[str, Tensor | list[Tensor] | None]:
         """Return what can be read from the picture (B, 3, S, S).

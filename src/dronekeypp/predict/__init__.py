@@ -1,4 +1,4 @@
-"""`python -m dronekeypp predict`: poses of a drone in your own footage.
+"""Find the poses of a drone in your own footage: `python -m dronekeypp predict`.
 
 OUT holds
     frames.csv      the journal, a row a frame, written as it goes; a killed run goes on after its last row
@@ -9,8 +9,8 @@ OUT holds
                     one image: overlay.png)
     trajectory.png  the path in space
     settings.json   what the run was begun with; it goes on only with the same
-With `smooth`, poses.csv, overlay and trajectory hold the smoothed poses. The journal always holds the single
-frames'.
+With `smooth`, poses.csv, overlay and trajectory hold the smoothed poses. The journal always holds the poses
+of the single frames.
 """
 
 from dronekeypp.predict.batches import mirror_doubt

@@ -1,4 +1,4 @@
-"""From frames to rows of the journal, a batch at a time: find the box, cut the crop, ask the network."""
+"""Turn frames into rows of the journal, a batch at a time: find the box, cut the crop, ask the network."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ ANSWERS = ("keypoints", "keypoints_px", "class_probs", "R", "t")  # what a netwo
 
 @dataclass(frozen=True)
 class Crop:
-    """One view of a drone that the network is asked about."""
+    """Hold one view of a drone that the network is asked about."""
 
     row: Row  # of the journal, without an answer yet
     image: np.ndarray  # (S, S, 3) uint8 RGB
@@ -39,10 +39,12 @@ class Crop:
 
 
 def load_network(path: str | Path) -> checkpoint.Network:
-    """Load a checkpoint that finds pose and class from the picture alone; onto the GPU, if there is one.
+    """Load a checkpoint that finds pose and class from the picture alone.
+
+    It is loaded onto the GPU, if there is one.
 
     Raises:
-        InputError: it cannot be read, or its network needs the truth or does not name the drone.
+        InputError: It cannot be read, or its network needs the truth or does not name the drone.
     """
     network = checkpoint.load(path)
     if isinstance(network, nn.Module):
@@ -59,7 +61,10 @@ def load_network(path: str | Path) -> checkpoint.Network:
 
 
 def _answers_all(network: checkpoint.Network) -> bool:
-    """Whether a network answers all that a pose consists of. It is asked about an empty picture."""
+    """Tell whether a network answers all that a pose consists of.
+
+    It is asked about an empty picture.
+    """
     size = network.config.image_size
     device = _device(network)
     K = torch.tensor([[[1500.0, 0, 960], [0, 1500, 540], [0, 0, 1]]], device=device)
@@ -70,7 +75,7 @@ def _answers_all(network: checkpoint.Network) -> bool:
 
 
 def _device(network: checkpoint.Network) -> torch.device:
-    """Where a network wants its inputs."""
+    """Return the device on which a network wants its inputs."""
     return next(network.parameters()).device if isinstance(network, nn.Module) else torch.device("cpu")
 
 
@@ -82,7 +87,7 @@ def predicted(
     given: Mapping[int, np.ndarray] | None,
     tracker: Tracker | None,
 ) -> Iterator[list[Row]]:
-    """Rows of the journal without the frames' names, a list a batch, in the order of the frames.
+    """Yield rows of the journal without the frames' names, a list a batch, in the order of the frames.
 
     Args:
         size: width and height that every frame must have, pixels.
@@ -121,7 +126,10 @@ def _find_box(
     given: Mapping[int, np.ndarray] | None,
     tracker: Tracker | None,
 ) -> tuple[str, np.ndarray | None]:
-    """(status, box) of a frame; the status says why there is no box."""
+    """Return the status and the box of a frame.
+
+    The status says why there is no box.
+    """
     if image is None:
         return "cannot be read", None
     if image.shape[1::-1] != size:
@@ -134,7 +142,7 @@ def _find_box(
 
 
 def _centre_inside(box: np.ndarray, size: tuple[int, int]) -> bool:
-    """Whether the centre of a box (x, y, w, h) lies in a frame of (width, height)."""
+    """Tell whether the centre of a box (x, y, w, h) lies in a frame of (width, height)."""
     x, y, w, h = box
     return 0 <= x + w / 2 < size[0] and 0 <= y + h / 2 < size[1]
 
@@ -164,7 +172,7 @@ def fill(network: checkpoint.Network, calibration: Calibration, crops: Sequence[
 
 
 def _answer_columns(network: checkpoint.Network, answer: Mapping[str, Tensor], i: int) -> Row:
-    """The columns of the journal that a network's answer to the crop with index `i` fills."""
+    """Return the columns of the journal that a network's answer to the crop with index `i` fills."""
     score, drone = answer["class_probs"][i].max(dim=0)
     row = {"drone": network.drones[int(drone)].name, "score": f"{score:.4f}"}
     pose = torch.cat([answer["keypoints_px"][i].flatten(), answer["R"][i].flatten(), answer["t"][i]])
@@ -185,7 +193,7 @@ def mirror_doubt(
     square: Tensor,
     keypoints: Tensor,
 ) -> Tensor:
-    """By how much a network's keypoints move when the crop is shown in a mirror, and mirrored back.
+    """Measure by how much a network's keypoints move when the crop is mirrored, and they are mirrored back.
 
     A mirror swaps left and right hubs and changes nothing else, so a network that sees clearly answers the
     same. No truth is needed to ask.

@@ -1,4 +1,4 @@
-"""The folder that a run writes to: its settings, its journal of frames, and the poses in BOP's format."""
+"""Keep the folder that a run writes to: its settings, its journal of frames, and the poses for BOP."""
 
 from __future__ import annotations
 
@@ -32,22 +32,22 @@ Row = dict[str, str]  # of the journal, by column; a column without a value is e
 
 @dataclass(frozen=True)
 class Pose:
-    """What was found in one frame, in full-frame pixels and metres.
+    """Hold what was found in one frame, in full-frame pixels and metres.
 
-    All is that of the undistorted frame, but for the box, which is the one that was given.
+    All values are those of the undistorted frame, but for the box, which is the one that was given.
 
     Attributes:
         frame: the frame's number, from 0.
         box: (4,) x, y, w, h in pixels.
         drone: the class's name.
         score: the class's probability.
-        doubt_px: by how many pixels the keypoints move when the crop is shown in a mirror (`mirror_doubt`).
+        doubt_px: by how many pixels the keypoints move when the crop is mirrored (`mirror_doubt`).
         keypoints: (4, 2) pixels.
         R: (3, 3) camera←body.
         t: (3,) metres, camera axes.
         seconds: the network's time for this frame.
         turn_sigma_deg, shift_sigma_m: the deviations that a network with pose="geometric" claims for R and t
-            (root of the trace); of any other NaN.
+            (root of the trace), in degrees and metres; NaN for any other network.
     """
 
     frame: int
@@ -64,7 +64,11 @@ class Pose:
 
 
 def boxes_digest(path: str | Path) -> str:
-    """The digest of a file of boxes, or of every .txt in a folder. Raises InputError if there is none."""
+    """Return the digest of a file of boxes, or of every .txt in a folder.
+
+    Raises:
+        InputError: There is none.
+    """
     path = Path(path)
     files = sorted(path.glob("*.txt")) if path.is_dir() else [path]
     content = b""
@@ -76,10 +80,10 @@ def boxes_digest(path: str | Path) -> str:
 
 
 def check_folder(out: Path) -> dict[str, Any]:
-    """The settings of the run in the folder `out`, or {} of an empty folder.
+    """Return the settings of the run in the folder `out`, or {} for an empty folder.
 
     Raises:
-        InputError: the folder holds anything else: then we may not write to it.
+        InputError: The folder holds anything else. Then we may not write to it.
     """
     settings = read_json(out / SETTINGS, mend="choose another folder") if (out / SETTINGS).is_file() else {}
     if isinstance(settings, dict) and {"checkpoint", "footage"} <= settings.keys():
@@ -98,33 +102,36 @@ def begin(out: Path, settings: dict[str, Any], drones: Sequence[DroneClass]) -> 
         The number of frames in the journal.
 
     Raises:
-        InputError: the run was begun with other settings, or the folder holds something else.
+        InputError: The run was begun with other settings, or the folder holds something else.
     """
     old = check_folder(out)
     remove_unfinished(out)
-    rows = read_journal(out / JOURNAL, names_of(drones)) if (out / JOURNAL).is_file() else []
+    journal = out / JOURNAL
+    begun = journal.is_file() and journal.read_bytes().count(b"\n") > 1  # more than its header
     for name, value in settings.items():
         if name == "drones" and name not in old:  # an older run did not write down the network's drones
             continue
-        if rows and old.get(name) != value:
+        if begun and old.get(name) != value:
             raise InputError(f"{out} was begun with another {name}; choose another folder, or remove it")
+    rows = read_journal(journal, names_of(drones)) if begun else []
     write_json(out / SETTINGS, settings, indent=1)
     text = io.StringIO()
     writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
-    write_beside(out / JOURNAL, text.getvalue().encode(errors="surrogateescape"))
+    write_beside(journal, text.getvalue().encode(errors="surrogateescape"))
     return len(rows)
 
 
 def read_journal(path: Path, drones: Sequence[str]) -> list[Row]:
-    """The rows of a journal as far as they are whole, in order and can be read.
+    """Read the rows of a journal as far as they are whole, in order and can be read.
 
     Args:
+        path: the journal.
         drones: the names of the network's drones. A row with another name ends the journal.
 
     Raises:
-        InputError: the file is not a journal.
+        InputError: The file is not a journal.
     """
     with open(path, newline="", encoding="utf-8", errors="surrogateescape") as file:
         text = file.read()
@@ -147,10 +154,10 @@ def read_journal(path: Path, drones: Sequence[str]) -> list[Row]:
 
 
 def to_pose(row: Row) -> Pose | None:
-    """A row of the journal as numbers, or None where the frame has no pose.
+    """Turn a row of the journal into numbers, or return None where the frame has no pose.
 
     Raises:
-        ValueError: a number cannot be read.
+        ValueError: A number cannot be read.
     """
     if row["status"] != GOOD:
         return None
@@ -174,7 +181,7 @@ def to_pose(row: Row) -> Pose | None:
 
 
 def bop_results(poses: Sequence[Pose], drones: Sequence[DroneClass]) -> str:
-    """The CSV that BOP's toolkit reads: R row by row, t in millimetres, time in seconds.
+    """Return the CSV that BOP's toolkit reads: R row by row, t in millimetres, time in seconds.
 
     The scene is 0, and images have the footage's frame numbers. The object's number is the class index + 1.
     """

@@ -1,4 +1,4 @@
-"""What people look at: the poses drawn on the footage, and the path in space."""
+"""Draw what people look at: the poses on the footage, and the path in space."""
 
 from __future__ import annotations
 
@@ -25,9 +25,10 @@ WHITE, DARK = (255, 255, 255), (40, 40, 40)
 
 
 def draw_overlay(image: np.ndarray, pose: Pose, calibration: Calibration, drone: DroneClass) -> np.ndarray:
-    """A copy of the undistorted frame (H, W, 3) uint8 RGB with box, propellers, body axes and a line of text.
+    """Draw box, propellers, body axes and a line of text on a copy of the undistorted frame.
 
-    `drone` is the pose's class: its title is written, and an axis is half its wheelbase long.
+    The frame is (H, W, 3) uint8 RGB. `drone` is the pose's class: its title is written, and an axis is half
+    its wheelbase long.
     """
     image = image.copy()
     thickness = max(1, round(image.shape[1] / 960))
@@ -74,13 +75,13 @@ def _draw_label(image: np.ndarray, text: str, box: tuple[float, float, float], t
 
 
 def _rgb(colour: str) -> tuple[int, int, int]:
-    """The three bytes of a colour such as "#D55E00"."""
+    """Return the three bytes of a colour such as "#D55E00"."""
     red, green, blue = bytes.fromhex(colour[1:])
     return red, green, blue
 
 
 def _pixel(point: Sequence[float] | np.ndarray) -> tuple[int, int]:
-    """A point (x, y) as OpenCV draws it, which counts pixel centres from 0."""
+    """Return a point (x, y) as OpenCV draws it, which counts pixel centres from 0."""
     x, y = np.clip(np.asarray(point, dtype=float), -1e4, 1e4)
     return round(float(x) - 0.5), round(float(y) - 0.5)
 
@@ -93,11 +94,14 @@ def write_overlay(
     drones: Sequence[DroneClass],
     rate: float,
 ) -> None:
-    """Write overlay.mp4 (of one image overlay.png) to the folder `out`: every frame that can be read.
+    """Write every frame that can be read to overlay.mp4 (of one image overlay.png) in the folder `out`.
 
-    It is written beside and then renamed.
+    The file is written beside its place and then renamed.
 
     Args:
+        out: the folder.
+        source: the footage.
+        calibration: the camera's calibration.
         poses: {frame number: pose}. A frame without a pose is shown as it is.
         drones: the network's classes.
         rate: frames a second.
@@ -124,7 +128,7 @@ def write_overlay(
 def _drawn_frames(
     source: Footage, calibration: Calibration, poses: Mapping[int, Pose], drones: Sequence[DroneClass]
 ) -> Iterator[np.ndarray]:
-    """The frames that can be read, undistorted, with their poses drawn on them."""
+    """Yield the frames that can be read, undistorted, with their poses drawn on them."""
     drone_of = {drone.name: drone for drone in drones}
     for number, image in source.read():
         if image is None:
@@ -137,7 +141,7 @@ def _drawn_frames(
 
 
 def _write_video(path: Path, images: Iterator[np.ndarray], rate: float) -> int:
-    """Write the images that are of the first one's size as an mp4. Returns how many were written."""
+    """Write the images that have the first one's size as an mp4, and return their number."""
     writer, size, written = None, None, 0
     try:
         for image in images:
@@ -158,7 +162,7 @@ def _write_video(path: Path, images: Iterator[np.ndarray], rate: float) -> int:
 
 
 def draw_trajectory(poses: Sequence[Pose]) -> bytes:
-    """The path in space, and the distance over the frames, as PNG.
+    """Draw the path in space, and the distance over the frames, as PNG.
 
     The axes are as people see them: x right, depth away, up.
     """

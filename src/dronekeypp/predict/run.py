@@ -1,4 +1,4 @@
-"""The run itself: read the inputs, ask the network batch by batch, and write what it answers."""
+"""Make the run itself: read the inputs, ask the network batch by batch, and write what it answers."""
 
 from __future__ import annotations
 
@@ -45,12 +45,14 @@ def predict(
     progress: bool = True,
     rate: float = 30.0,
 ) -> list[Pose]:
-    """Find the pose of the drone in every frame that has a box. The package says what is written to `out`.
+    """Find the pose of the drone in every frame that has a box.
+
+    The docstring of the package says what is written to `out`.
 
     Args:
         checkpoint: a folder of `save_pretrained`, a run folder, of which best/ is taken, or an ONNX file of
             `export`.
-        footage: a video, a folder of images, one image.
+        footage: a video, a folder of images, or one image.
         camera: see `footage.read_camera`.
         out: the folder to write to. A run that was begun in it goes on.
         boxes: see `footage.read_boxes`.
@@ -61,7 +63,7 @@ def predict(
         rate: frames a second of a folder of images; a video knows its own.
 
     Raises:
-        InputError: an input that cannot be read, or `out` was begun with other inputs. A broken frame is no
+        InputError: An input cannot be read, or `out` was begun with other inputs. A broken frame is no
             error: it gets a row that says so.
     """
     if not (np.isfinite(rate) and rate > 0):
@@ -120,7 +122,11 @@ def predict(
 
 
 def _frame_size(source: Footage) -> tuple[int, int]:
-    """Width and height of the first frame that can be read. Raises InputError if there is none."""
+    """Return width and height of the first frame that can be read.
+
+    Raises:
+        InputError: There is no such frame.
+    """
     for _, image in source.read():
         if image is not None:
             return image.shape[1], image.shape[0]
@@ -128,7 +134,7 @@ def _frame_size(source: Footage) -> tuple[int, int]:
 
 
 def tracker_after(source: Footage, box: np.ndarray, frames: int, size: tuple[int, int]) -> Tracker:
-    """A tracker from the first frame's box, led through the `frames` that are done.
+    """Return a tracker from the first frame's box, led through the `frames` that are done.
 
     So after a kill it is where it was. `size` is the frames' width and height.
     """
@@ -144,7 +150,10 @@ def tracker_after(source: Footage, box: np.ndarray, frames: int, size: tuple[int
 
 
 def append_to_journal(path: Path, batches: Iterable[list[Row]], names: Sequence[str]) -> None:
-    """Write the rows of each batch as soon as they come. `names`: those of all frames."""
+    """Write the rows of each batch as soon as they come.
+
+    `names` are those of all frames.
+    """
     with open(path, "a", newline="", encoding="utf-8", errors="surrogateescape") as file:
         journal = csv.DictWriter(file, COLUMNS, restval="", lineterminator="\n")
         for rows in batches:
@@ -154,7 +163,11 @@ def append_to_journal(path: Path, batches: Iterable[list[Row]], names: Sequence[
 
 
 def _poses(rows: list[Row], source: Footage, journal: Path) -> list[Pose]:
-    """The poses of a finished journal. Raises InputError if it is not finished or has none."""
+    """Return the poses of a finished journal.
+
+    Raises:
+        InputError: The journal is not finished or has no pose.
+    """
     if len(rows) != len(source.names):
         raise InputError(f"{journal} holds {len(rows)} of {len(source.names)} frames; run again")
     poses = []
@@ -168,12 +181,15 @@ def _poses(rows: list[Row], source: Footage, journal: Path) -> list[Pose]:
 
 
 def smoothed(poses: Sequence[Pose], sigma: float, rate: float) -> list[Pose]:
-    """The poses smoothed by `sequences.gaussian`. A frame counts as much as the network trusts it.
+    """Smooth the poses by `sequences.gaussian`.
 
-    Its trust follows from the deviations that it claims, or, where it claims none, from its mirror doubt.
+    A frame counts as much as the network trusts it. Its trust follows from the deviations that it claims, or,
+    where it claims none, from its mirror doubt.
 
     Args:
-        sigma: of the Gaussian, seconds. rate: frames a second.
+        poses: the poses of the frames.
+        sigma: the sigma of the Gaussian, seconds.
+        rate: frames a second.
     """
     claims = np.array([(pose.turn_sigma_deg, pose.shift_sigma_m) for pose in poses])  # (F, 2)
     if np.isfinite(claims).all():

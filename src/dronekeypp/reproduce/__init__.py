@@ -1,6 +1,6 @@
-"""`python -m dronekeypp reproduce NAME`: a table of the paper, or one of ours, measured from nothing.
+"""Measure a table of the paper, or one of ours, from nothing: `python -m dronekeypp reproduce NAME`.
 
-`protocol.py` says what a table is, `runner.py` how its trainings are made.
+`protocol.py` says what a table is, and `runner.py` says how its trainings are made.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ TABLES: dict[str, type[Table]] = {
 
 
 def names() -> list[str]:
-    """What can be reproduced."""
+    """Return the names of everything that can be reproduced."""
     return [*TABLES, *ABLATIONS]
 
 
@@ -51,29 +51,29 @@ def reproduce(
     workers: int = 2,
     progress: bool = True,
 ) -> dict[str, Any]:
-    """Measure one table; everything that is already there is kept.
+    """Measure one table, and keep everything that an earlier call made.
 
     Args:
         name: one of `names()`.
         preset: the preset that every training starts from.
-        seeds: trainings a row, seed 0, 1, …; None takes 1, or what the ablation's entry says.
+        seeds: trainings a row, with seeds 0, 1, …; None takes 1, or what the ablation's entry says.
         overrides: settings for every run, on top of the preset's budget (`BUDGETS`, `ABLATION_BUDGETS`).
-        data: the data set (default ROOT/data/6dronesyn); flights that are missing are rendered.
-        root: below it lie runs/, figures/ and data_samples/results/. Try things out in another one: what is
-            recorded there is replaced.
-        stride: of the rendering: keep every `stride`-th frame.
-        environments: of the rendering: the backgrounds (default: the drawn ones).
+        data: the data set (default ROOT/data/6dronesyn). Flights that are missing are rendered.
+        root: the folder below which runs/, figures/ and data_samples/results/ lie. Choose another one to try
+            things out, because what is recorded there is replaced.
+        stride: of the rendering, which keeps every `stride`-th frame.
+        environments: the backgrounds of the rendering (default: the drawn ones).
         photographs: a folder of 360° panoramas, for `domains` and `figure6`.
         real: a folder of real drone frames with boxes.csv, for `figure6`.
-        workers: processes that render.
+        workers: the number of processes that render.
         progress: whether to print what is being done.
 
     Returns:
-        The recorded result (also data_samples/results/NAME.json).
+        The recorded result, which is also written to data_samples/results/NAME.json.
 
     Raises:
-        InputError: an unknown name or preset, settings that no method uses or that differ from those an
-            unfinished run was started with, or no OpenGL.
+        InputError: The name or the preset is unknown, no method uses one of the settings, the settings differ
+            from those that an unfinished run was started with, or there is no OpenGL.
     """
     if name not in names():
         raise InputError(f"reproduce {name}: choose {', '.join(names())}")

@@ -1,4 +1,7 @@
-"""An ablation's table in words, numbers and a figure; and when a row may be called better than another."""
+"""Show an ablation as a table in words and numbers, and as a figure.
+
+The module also says when a row may be called better than another.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +36,7 @@ TITLES = [metric for metric, *_ in PRINTED]
 
 
 def paper_value(name: str, variant: str | None, key: str) -> float | None:
-    """The paper's number in one of PRINTED's keys, or None: it has no such row or column."""
+    """Return the paper's number in one of PRINTED's keys, or None where it has no such row or column."""
     keys = [ours for _, ours, theirs, _ in PRINTED if theirs]
     printed = PAPER.get(name, {}).get(variant)
     return printed[keys.index(key)] if printed and key in keys else None
@@ -44,12 +47,12 @@ def paper_value(name: str, variant: str | None, key: str) -> float | None:
 
 @dataclass(frozen=True)
 class Difference:
-    """A row's measure minus the reference's.
+    """Describe a row's measure minus the reference's.
 
     Args:
-        mean: over the sequences, with the seeds averaged.
+        mean: the mean over the sequences, with the seeds averaged.
         interval: its 95 % interval over the sequences.
-        seeds: (n, m) of every seed of the row (first axis) against every seed of the reference.
+        seeds: (n, m), every seed of the row (first axis) against every seed of the reference.
     """
 
     mean: float
@@ -58,7 +61,7 @@ class Difference:
 
     @property
     def verdict(self) -> str:
-        """ "better" or "worse" only if the interval leaves out 0 and all seeds lie on one side of 0.
+        """Say "better" or "worse" only if the interval leaves out 0 and all seeds lie on one side of 0.
 
         With fewer than three seeds in either row a question mark stays. All our measures are errors, so less
         is better.
@@ -70,7 +73,7 @@ class Difference:
 
 
 def difference(recorded: dict[str, Any], variant: str, key: str) -> Difference | None:
-    """A row against the reference, sequence by sequence; None where either was not measured."""
+    """Compare a row with the reference, sequence by sequence; return None if either was not measured."""
     reference = recorded["reference"]
     ours = cells(recorded, METHOD, variant, key)[:-1]
     theirs = cells(recorded, METHOD, reference, key)[:-1]
@@ -84,7 +87,10 @@ def difference(recorded: dict[str, Any], variant: str, key: str) -> Difference |
 
 
 def difference_text(recorded: dict[str, Any], variant: str, key: str, digits: int) -> str:
-    """ "-1.23 [-2.34, -0.12] better", or a dash where either was not measured."""
+    """Write a difference as "-1.23 [-2.34, -0.12] better".
+
+    A dash stands where either of the two was not measured.
+    """
     apart = difference(recorded, variant, key)
     if apart is None:
         return "–"
@@ -93,7 +99,10 @@ def difference_text(recorded: dict[str, Any], variant: str, key: str, digits: in
 
 
 def mean_and_spread(recorded: dict[str, Any], variant: str, key: str, digits: int) -> str:
-    """ "16.5 ± 0.4": mean and standard deviation over the seeds; a single seed has no spread."""
+    """Write the mean and the standard deviation over the seeds as "16.5 ± 0.4".
+
+    A single seed has no spread. A dash stands where no seed measured it.
+    """
     values = by_seed(recorded, METHOD, variant, key)
     if not values:
         return "–"
@@ -105,7 +114,11 @@ def mean_and_spread(recorded: dict[str, Any], variant: str, key: str, digits: in
 
 
 def markdown(recorded: dict[str, Any], title: str) -> str:
-    """The paper's table with ours beside it; then every row against the reference; then true keypoints."""
+    """Return the ablation's tables as Markdown.
+
+    The first table is the paper's with ours beside it. The second compares every row with the reference. The
+    third shows the decoders on true keypoints.
+    """
     minutes = [run["minutes"] for run in recorded["runs"]]
     with_spread = any(run["seed"] for run in recorded["runs"])
     note = f"Mean of the {len(columns(recorded))} columns of Table 3"
@@ -138,7 +151,7 @@ def markdown(recorded: dict[str, Any], title: str) -> str:
 
 
 def against_the_reference(recorded: dict[str, Any]) -> list[str]:
-    """The lines of the second table; none while the reference was not measured."""
+    """Return the lines of the second table, or none while the reference was not measured."""
     reference = recorded["reference"]
     variants = [variant for _, variant in methods(recorded)]
     if reference not in variants:
@@ -162,7 +175,7 @@ def against_the_reference(recorded: dict[str, Any]) -> list[str]:
 
 
 def given_true_keypoints(recorded: dict[str, Any]) -> list[str]:
-    """The lines of the third table; none where no decoder takes keypoints alone."""
+    """Return the lines of the third table, or none where no decoder takes keypoints alone."""
     medians_of = {}
     for run in recorded["runs"]:
         if run["seed"] == 0 and "keypoints" in run:
@@ -189,7 +202,10 @@ def given_true_keypoints(recorded: dict[str, Any]) -> list[str]:
 
 
 def as_csv(recorded: dict[str, Any]) -> str:
-    """Long format: variant, metric, source (paper | ours), seed (empty: the paper's), value."""
+    """Return the table as CSV in long format.
+
+    Its columns are variant, metric, source (paper | ours), seed (empty for the paper's) and value.
+    """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["variant", "metric", "source", "seed", "value"])
@@ -204,7 +220,7 @@ def as_csv(recorded: dict[str, Any]) -> str:
 
 
 def draw(recorded: dict[str, Any]) -> plt.Figure:
-    """One panel a metric, one line a row."""
+    """Draw one panel for each metric, with one line for each row."""
     names = methods(recorded)
     labels = [variant for _, variant in names]
 

@@ -1,4 +1,4 @@
-"""Tables 4, 5 and 6, and the heads the paper does not try.
+"""Train and measure Tables 4, 5 and 6, and the heads that the paper does not try.
 
 Every row is a few settings of the one network, trained at one budget. To add an ablation, add one entry to
 ABLATIONS. `python -m dronekeypp reproduce NAME` (or `reproduce(NAME)` in the script that added it) trains it,
@@ -58,12 +58,14 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Row:
-    """A line of an ablation. Every seed costs a training: a row that nothing will be claimed of may have one.
+    """Describe a line of an ablation.
+
+    Every seed costs a training. A row about which nothing will be claimed may have only one.
 
     Args:
-        name: the paper's, where the paper has it.
+        name: the paper's name, where the paper has this row.
         changes: the settings in which it differs from the preset.
-        seeds: how many it is trained with; None is as many as its table.
+        seeds: how many seeds it is trained with; None takes as many as its table.
     """
 
     name: str
@@ -73,13 +75,13 @@ class Row:
 
 @dataclass(frozen=True)
 class Ablation:
-    """A table of rows.
+    """Describe a table of rows.
 
     Args:
-        title: what it asks.
+        title: the question that it asks.
         rows: its lines.
         reference: the name of the row that the others are compared with.
-        seeds: trainings a row.
+        seeds: the number of trainings of a row.
     """
 
     title: str
@@ -92,7 +94,10 @@ class Ablation:
         assert self.reference in names and len(set(names)) == len(names), names
 
     def seeds_of(self, row: Row, seeds: int | None) -> int:
-        """How many trainings a row gets; `seeds`, if given, holds for every row."""
+        """Return how many trainings a row gets.
+
+        If `seeds` is given, it holds for every row.
+        """
         return seeds or row.seeds or self.seeds
 
 
@@ -100,7 +105,7 @@ TRUTH = {"encoder": "truth"}
 
 
 def _ray_rows() -> tuple[Row, ...]:
-    """Every combination of keypoints, ray features and rotation head."""
+    """Return a row for every combination of keypoints, ray features and rotation head."""
     rows = []
     for source, encoder in (("predicted", "learned"), ("true", "truth")):
         for rays in ("raw", "standardised", "split"):
@@ -168,12 +173,12 @@ ABLATIONS: dict[str, Ablation] = {
 
 
 def run_of(row: Row, preset: str) -> Run:
-    """The training behind a row.
+    """Return the training behind a row.
 
-    What the row sets as the preset has it already is left out, so that equal settings are one run.
+    If the row sets something to the preset's own value, it is left out, so that equal settings are one run.
 
     Raises:
-        InputError: the row sets something that neither the training nor the network that it chooses has.
+        InputError: The row sets something that neither the training nor the network that it chooses has.
     """
     model, training = find_preset(preset)
     usual = {**training.to_dict(), **model.to_dict()}
@@ -190,7 +195,7 @@ def run_of(row: Row, preset: str) -> Run:
 
 
 class AblationTable(Table):
-    """The table of one entry of ABLATIONS."""
+    """An `AblationTable` measures and shows one entry of ABLATIONS."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -200,7 +205,7 @@ class AblationTable(Table):
         """Render the data set.
 
         Raises:
-            InputError: the budget sets something in which the rows differ; then they would not be what they
+            InputError: The budget sets something in which the rows differ. Then they would not be what they
                 are called.
         """
         varied: set[str] = set()
@@ -225,7 +230,7 @@ class AblationTable(Table):
         return jobs
 
     def measure(self, job: Job) -> Part:
-        """One row with one seed: {"run", "rows", "averages"}."""
+        """Measure one row with one seed and return {"run", "rows", "averages"}."""
         bench, run, seed = job.bench, job.run, job.seed
         frames = bench.measure(run, seed)[run.variant]
         record = {**bench.training_record(run, seed), "variant": job.label}
@@ -255,26 +260,30 @@ class AblationTable(Table):
 
 
 def reproduce(name: str, bench: Bench, seeds: int | None = None) -> dict[str, Any]:
-    """Train and measure whatever is missing of an ablation. Returns the recorded result.
+    """Train and measure whatever is missing of an ablation, and return the recorded result.
 
-    `seeds` gives every row that many, whatever the ablation says.
+    If `seeds` is given, every row gets that many, whatever the ablation says.
 
     Raises:
-        InputError: the budget sets something in which the rows differ.
+        InputError: The budget sets something in which the rows differ.
     """
     return AblationTable(name).reproduce(bench, seeds)
 
 
 def markdown(recorded: dict[str, Any]) -> str:
-    """The paper's table with ours beside it; then every row against the reference; then true keypoints."""
+    """Return the ablation's tables as Markdown.
+
+    The first table is the paper's with ours beside it. The second compares every row with the reference. The
+    third shows the decoders on true keypoints.
+    """
     return ablation_report.markdown(recorded, ABLATIONS[recorded["name"]].title)
 
 
 def with_true_keypoints(bench: Bench, run: Run, seed: int, frames: Frames) -> Frames:
-    """Errors of a trained network's decoder on true keypoints and the class it named itself.
+    """Return the errors of a trained network's decoder on true keypoints and the class that it named itself.
 
-    Only the decoder runs. Perfect keypoints should do no harm. Where they do, the network's own carry more
-    than the places of propellers.
+    Only the decoder runs. Perfect keypoints should do no harm. Where they do, the network's own keypoints
+    carry more than the places of propellers.
     """
     network = bench.network(run, seed)
     device = next(network.parameters()).device
@@ -286,7 +295,7 @@ def with_true_keypoints(bench: Bench, run: Run, seed: int, frames: Frames) -> Fr
 
 
 def medians(frames: Frames) -> dict[str, float]:
-    """Over all frames: rotation, translation, and by what share the distance is wrong."""
+    """Return medians over all frames: of the rotation, the translation and the distance's relative error."""
     values = {
         "R_deg": float(np.median(frames["R_deg"])),
         "t_m": float(np.median(frames["t_m"])),

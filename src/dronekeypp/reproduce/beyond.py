@@ -1,6 +1,6 @@
-"""Beyond the paper: its network and the one with the geometry put back, side by side at one budget.
+"""Go beyond the paper: compare its network with the one that has the geometry put back, at one budget.
 
-It also says whether the latter's doubt can be trusted.
+The module also says whether the latter's uncertainty can be trusted.
 
 What is asked of the geometric network stands in `beyond_uncertainty.py` and `beyond_flights.py`.
 """
@@ -99,9 +99,10 @@ WITHOUT = {
 
 
 class Beyond(Table):
-    """Both networks, with one seed unless told otherwise, and two that were never shown one of the drones.
+    """Compare both networks, and two that were never shown one of the drones.
 
-    The calibrated network goes to data_samples/beyond.
+    Each has one seed unless another number is given. The calibrated network is written to
+    data_samples/beyond.
     """
 
     name = "beyond"
@@ -115,7 +116,11 @@ class Beyond(Table):
         return jobs + [Job(bench, run, 0) for run in WITHOUT.values()]
 
     def measure(self, job: Job) -> Part:
-        """One run: rows of its answers and, of a geometric one, how far its covariance can be trusted."""
+        """Measure one run.
+
+        The part holds rows of its answers and, for a geometric network, how far its covariance can be
+        trusted.
+        """
         bench, run, seed = job.bench, job.run, job.seed
         part: Part = {"rows": [], "averages": []}
         if run is PAPERS:
@@ -148,7 +153,7 @@ class Beyond(Table):
     def details_of(
         self, job: Job, model: DroneKeyPP, answered: Answers, val: Answers, test_set: FrameDataset
     ) -> Part:
-        """What is asked of the first geometric network only: flights, hidden parts, and learned shapes."""
+        """Measure what only the first geometric network is asked: flights, hidden parts and shapes."""
         bench, run, seed = job.bench, job.run, job.seed
         truth, val_truth = read_annotations(test_set), read_annotations(bench.split("val", run, seed))
         networks = {None: load(bench, PAPERS, seed)[0], run.variant: model}
@@ -170,13 +175,14 @@ class Beyond(Table):
 
 
 def reproduce(bench: Bench, seeds: int = 1) -> dict[str, Any]:
-    """Train and measure whatever is missing. Returns the recorded result."""
+    """Train and measure whatever is missing, and return the recorded result."""
     return Beyond().reproduce(bench, seeds)
 
 
 def load(bench: Bench, run: Run, seed: int) -> tuple[DroneKeyPP, Answers | None]:
-    """A run's network. A geometric one is calibrated on the validation flights, and its answers to them come
-    with it.
+    """Load a run's network.
+
+    A geometric network is calibrated on the validation flights, and its answers to them are returned with it.
     """
     model = bench.network(run, seed)
     if not model.decoder.needs_image:
@@ -190,16 +196,17 @@ def load(bench: Bench, run: Run, seed: int) -> tuple[DroneKeyPP, Answers | None]
 
 
 def keep_network(bench: Bench, model: DroneKeyPP, history: Path) -> None:
-    """Write the calibrated network as float16, and its curve, to data_samples/beyond."""
+    """Write the calibrated network as float16, and its training curve, to data_samples/beyond."""
     folder = bench.root / "data_samples" / "beyond"
     model.save_pretrained(folder, half=True)
     write_beside(folder / METRICS, history.read_bytes())
 
 
 def shapes(model: DroneKeyPP, drones: Sequence[DroneClass]) -> list[dict[str, Any]]:
-    """How far the learned hubs of each drone lie from the true ones, and the size the network believes.
+    """Compare the hubs and the size that the network has learned of each drone with the true ones.
 
-    off_mm is a root mean square; size_ratio is the believed size over the true one.
+    off_mm is the root mean square distance of the learned hubs from the true ones, in millimetres. size_ratio
+    is the believed size over the true one.
     """
     rows = []
     learned_hubs = model.decoder.shapes.hubs.detach().cpu().numpy()  # (n, 4, 3)
@@ -214,12 +221,12 @@ def shapes(model: DroneKeyPP, drones: Sequence[DroneClass]) -> list[dict[str, An
 
 
 def side_by_side(recorded: dict[str, Any]) -> list[Name]:
-    """The rows that are about all drones."""
+    """Return the names of the rows that are about all drones."""
     return [name for name in methods(recorded) if "without" not in (name[1] or "")]
 
 
 def markdown(recorded: dict[str, Any]) -> str:
-    """Both networks and their parts; then what the covariance is worth."""
+    """Return the table of both networks and their parts, and then what the covariance is worth."""
     metrics = " | ".join(metric for metric, *_ in PRINTED)
     lines = [
         "# Beyond the paper: the geometry put back",
@@ -317,14 +324,14 @@ def _left_out_lines(recorded: dict[str, Any]) -> list[str]:
 
 
 def draw(recorded: dict[str, Any]) -> plt.Figure:
-    """Both networks, and the parts of ours, a panel a metric."""
+    """Draw both networks, and the parts of ours, with one panel for each metric."""
     names = side_by_side(recorded)
     labels = [variant or "the paper's network" for _, variant in names]
     return panels(recorded, names, labels, lambda name, key: None)
 
 
 def draw_doubt(recorded: dict[str, Any]) -> plt.Figure:
-    """Coverage, claimed against happened, and error against what is hidden."""
+    """Draw the coverage, the claimed against the actual error, and the error against the hidden share."""
     plots.style()
     figure, axes = plt.subplots(1, 4, figsize=(13, 3.2))
     row = next(row for row in recorded["doubt"] if row["variant"] == GEOMETRIC.variant)

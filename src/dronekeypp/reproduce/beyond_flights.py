@@ -1,4 +1,4 @@
-"""Poses of whole flights, smoothed: with and without the covariance that a geometric network claims."""
+"""Smooth the poses of whole flights, with and without the covariance that a geometric network claims."""
 
 from __future__ import annotations
 
@@ -23,33 +23,33 @@ Smoother = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float], Pos
 def unchanged(
     R: np.ndarray, t: np.ndarray, time: np.ndarray, covariance: np.ndarray, strength: float
 ) -> Poses:
-    """The poses as they are."""
+    """Return the poses as they are."""
     return R, t
 
 
 def smoothed(
     R: np.ndarray, t: np.ndarray, time: np.ndarray, covariance: np.ndarray, strength: float
 ) -> Poses:
-    """A Gaussian of `strength` seconds."""
+    """Smooth the poses with a Gaussian of `strength` seconds."""
     return gaussian(R, t, time, strength)
 
 
 def smoothed_by_covariance(
     R: np.ndarray, t: np.ndarray, time: np.ndarray, covariance: np.ndarray, strength: float
 ) -> Poses:
-    """The same, with every frame weighted by what was claimed for it."""
+    """Smooth in the same way, with every frame weighted by the covariance claimed for it."""
     return gaussian(R, t, time, strength, inverse_variances(covariance))
 
 
 def live(R: np.ndarray, t: np.ndarray, time: np.ndarray, covariance: np.ndarray, strength: float) -> Poses:
-    """A live filter whose random accelerations have this strength."""
+    """Run a live filter whose random accelerations have this strength."""
     return filtered(R, t, time, LiveFilter(strength, strength))
 
 
 def live_by_covariance(
     R: np.ndarray, t: np.ndarray, time: np.ndarray, covariance: np.ndarray, strength: float
 ) -> Poses:
-    """The same, with the claimed covariance as the noise of each measurement."""
+    """Run the same live filter, with the claimed covariance as the noise of each measurement."""
     return filtered(R, t, time, LiveFilter(strength, strength), covariance)
 
 
@@ -66,13 +66,15 @@ FILTERS: dict[str, tuple[Smoother, tuple[float, ...]]] = {
 def over_flights(
     answered: Answers, truth: dict[str, Tensor], smooth: Smoother, strength: float, every: int = 1
 ) -> np.ndarray:
-    """Mean errors of the flights after smoothing: (n, 2), rotation in degrees and translation in metres.
+    """Return the mean errors of the flights after smoothing.
+
+    The result has shape (n, 2), with the rotation in degrees and the translation in metres.
 
     Args:
         answered: what the network says of the frames.
         truth: their annotations.
         smooth: one of FILTERS.
-        strength: its strength.
+        strength: the filter's strength.
         every: take every `every`-th flight only.
     """
     frames = answered.whole
@@ -94,9 +96,9 @@ def over_flights(
 def sequences(
     test: Answers, truth: dict[str, Tensor], val: Answers, val_truth: dict[str, Tensor]
 ) -> list[dict[str, Any]]:
-    """Every filter on the test flights, with the change against single frames.
+    """Measure every filter on the test flights, with the change against single frames.
 
-    Each is as strong as serves it best on every second validation flight.
+    Each filter has the strength that serves it best on every second validation flight.
 
     Args:
         test: answers to the test frames.
@@ -122,7 +124,7 @@ def sequences(
 def best_strength(
     val: Answers, truth: dict[str, Tensor], smooth: Smoother, strengths: tuple[float, ...]
 ) -> float:
-    """The strength with the lowest errors on every second flight.
+    """Return the strength with the lowest errors on every second flight.
 
     Rotation and translation count alike, each over its error with the first strength.
     """

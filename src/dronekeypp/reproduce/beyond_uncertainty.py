@@ -1,8 +1,8 @@
-"""The geometric network's answers, and whether the uncertainty that it claims for them can be trusted.
+"""Ask for the geometric network's answers, and measure whether the uncertainty it claims can be trusted.
 
 The network (`pose="geometric"`, see `model/geometry.py`) is measured in parts as well, from the same weights:
 its direct branch alone, given the true class, and given true keypoints, with and without the noise that its
-own keypoints have (what its solver could do at best).
+own keypoints have. The parts on true keypoints show what its solver could do at best.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ BATCH = 64
 
 @dataclass(frozen=True)
 class Answers:
-    """What a geometric network says of every frame of a data set.
+    """Hold what a geometric network says of every frame of a data set.
 
     Args:
         whole: errors of its answer, arrays of `frame_errors`.
         parts: the same of its other answers, by the names of PARTS.
-        error: (F, 6) from the answer to the truth: the turn (axis times 2 sin(angle / 2), camera axes), and
+        error: (F, 6), from the answer to the truth: the turn (axis times 2 sin(angle / 2), camera axes), and
             the shift in metres.
-        covariance: (F, 6, 6) as it claims for that error.
+        covariance: (F, 6, 6), the covariance that it claims for that error.
     """
 
     whole: Frames
@@ -86,7 +86,7 @@ def answers(model: DroneKeyPP, dataset: Dataset, parts: Iterable[str] = tuple(PA
 
 
 def concatenated(batches: list[Frames]) -> Frames:
-    """The arrays of several batches as one."""
+    """Join the arrays of several batches."""
     frames = {}
     for name in batches[0]:
         frames[name] = np.concatenate([batch[name] for batch in batches])
@@ -96,9 +96,10 @@ def concatenated(batches: list[Frames]) -> Frames:
 def outputs_of(
     model: DroneKeyPP, items: dict[str, Tensor], order: Tensor, parts: Iterable[str]
 ) -> dict[str, dict[str, Tensor]]:
-    """The network's output for one batch, as "whole", and for each of `parts`.
+    """Return the network's output for one batch, as "whole", and for each of `parts`.
 
-    `order` (B,) says which frame's keypoint noise, and which frame's claim for it, "noisy" gives each frame.
+    For "noisy", frame i gets the keypoint noise of frame `order[i]`, and that frame's claim for it.
+    `order` has shape (B,).
     """
     K, square = items["K"], items["square"]
     encoded = model.encode(items["image"])
@@ -125,10 +126,10 @@ def outputs_of(
 
 
 def merged(encoded: dict[str, Tensor], mirrored: dict[str, Tensor]) -> dict[str, Tensor]:
-    """What a crop showed, with the keypoints averaged with those of its mirror.
+    """Average the keypoints that a crop showed with those that its mirror image showed.
 
-    Each is weighted by its own claim. The new claim is the average one's, and not smaller: two looks at one
-    picture err alike.
+    Each is weighted by its own claim. The variance of the new claim is the harmonic mean of the two. It is
+    not reduced further, because two looks at one picture err alike.
     """
     own_weight = encoded["keypoint_sigma"].pow(-2)  # (B, 4)
     mirror_weight = mirrored["keypoint_sigma"][:, MIRRORED_KEYPOINTS].pow(-2)
@@ -143,9 +144,9 @@ def merged(encoded: dict[str, Tensor], mirrored: dict[str, Tensor]) -> dict[str,
 
 
 def surprise(error: np.ndarray, covariance: np.ndarray) -> dict[str, np.ndarray]:
-    """Squared Mahalanobis distance (F,) of the turn and of the shift.
+    """Return the squared Mahalanobis distance (F,) of the turn and of the shift.
 
-    It is chi-squared with 3 degrees of freedom, if the covariance is right.
+    It is chi-squared with 3 degrees of freedom if the covariance is right.
     """
     squared = {}
     for name, part in HALVES.items():
@@ -155,10 +156,10 @@ def surprise(error: np.ndarray, covariance: np.ndarray) -> dict[str, np.ndarray]
 
 
 def calibration(error: np.ndarray, covariance: np.ndarray) -> list[float]:
-    """What the deviations of turn and shift have to be multiplied with.
+    """Return the factors by which the deviations of turn and shift have to be multiplied.
 
-    With it the 50 % and the 90 % region hold their share of these frames. One factor cannot always serve
-    both; it is the geometric mean of the two.
+    With them the 50 % and the 90 % region hold their share of these frames. One factor cannot always serve
+    both regions, so it is the geometric mean of the two that would.
     """
     factors = []
     for squared in surprise(error, covariance).values():
@@ -168,7 +169,7 @@ def calibration(error: np.ndarray, covariance: np.ndarray) -> list[float]:
 
 
 def coverage(error: np.ndarray, covariance: np.ndarray) -> dict[str, list[float]]:
-    """Share of the frames whose error lies in the region that is claimed to hold LEVELS of them."""
+    """Return the share of the frames with an error inside the region that is claimed to hold LEVELS."""
     shares = {}
     for name, squared in surprise(error, covariance).items():
         shares[name] = [float((squared <= chi2.ppf(level, 3)).mean()) for level in LEVELS]
@@ -176,9 +177,9 @@ def coverage(error: np.ndarray, covariance: np.ndarray) -> dict[str, list[float]
 
 
 def claimed(covariance: np.ndarray) -> dict[str, np.ndarray]:
-    """The deviation (F,) that a covariance claims: of the turn in degrees, of the shift in metres.
+    """Return the deviations (F,) that a covariance claims: of the turn in degrees and of the shift in metres.
 
-    It is the root of the trace.
+    Each is the root of the trace.
     """
     deviations = {}
     for name, part in HALVES.items():
@@ -187,9 +188,10 @@ def claimed(covariance: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def doubt(error: np.ndarray, covariance: np.ndarray, model: DroneKeyPP) -> dict[str, Any]:
-    """Coverage; and by tenths of the frames, the surest first, what was claimed and what happened.
+    """Compare what was claimed with what happened: the coverage, and the errors by tenths of the frames.
 
-    Both are root mean squares of a tenth.
+    The tenths begin with the surest frames. What was claimed and what happened are both root mean squares
+    over a tenth.
     """
     claims = claimed(covariance)
     result = {
@@ -216,9 +218,9 @@ def doubt(error: np.ndarray, covariance: np.ndarray, model: DroneKeyPP) -> dict[
 
 
 class Hidden(Dataset):
-    """A data set with a grey square over a random place of each crop, `share` of its area.
+    """A `Hidden` data set has a grey square over a random place of each crop, `share` of its area.
 
-    The truth stays.
+    The truth stays the same.
     """
 
     def __init__(self, dataset: Dataset, share: float) -> None:
@@ -239,9 +241,9 @@ class Hidden(Dataset):
 
 
 def occlusion(models: Mapping[str | None, DroneKeyPP], dataset: Dataset) -> list[dict[str, Any]]:
-    """Medians of every network against the hidden share of the crop; of a geometric one also what it claims.
+    """Return every network's medians against the hidden share of the crop.
 
-    `models` are the networks by their variant.
+    For a geometric network the rows also hold what it claims. `models` are the networks by their variant.
     """
     rows = []
     for share in HIDDEN:

@@ -1,6 +1,6 @@
-"""Every equation, table, figure and claim of the paper: where it lives here, and whether it came out.
+"""List every equation, table, figure and claim of the paper, where it lives here, and whether it came out.
 
-Nothing is typed twice: our values come from data_samples/results, and a verdict holds only as long as its
+Nothing is typed twice. Our values come from data_samples/results, and a verdict holds only as long as its
 condition on them does.
 """
 

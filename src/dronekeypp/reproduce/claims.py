@@ -1,4 +1,4 @@
-"""`python -m dronekeypp reproduce claims`: the README's tables, made from the recorded results.
+"""Make the README's tables from the recorded results: `python -m dronekeypp reproduce claims`.
 
 There are three: the results in short, what `reproduce` can be asked, and every claim of the paper with its
 verdict. A verdict that no longer fits the results is an error.
@@ -49,7 +49,10 @@ BENCHMARK = {
 
 
 class Claims(Table):
-    """The README's tables and its picture. Nothing is trained."""
+    """Write the README's tables and its picture.
+
+    Nothing is trained.
+    """
 
     name = "claims"
 
@@ -61,10 +64,10 @@ def reproduce(root: Path) -> dict[str, Any]:
     """Write the three tables into README.md and its picture into figures/.
 
     Returns:
-        {"claims": how many, and for each verdict: how many}.
+        {"claims": the number of claims}, and with each verdict the number of claims that have it.
 
     Raises:
-        InputError: a result or the README is missing, or a verdict no longer holds (it is named).
+        InputError: A result or the README is missing, or a verdict no longer holds (the message names it).
     """
     results = Results(root)
     for claim in CLAIMS:
@@ -85,7 +88,11 @@ def reproduce(root: Path) -> dict[str, Any]:
 
 
 def fill_readme(readme: str, results: Results) -> str:
-    """A README with the three tables put between their marks. Raises InputError if the marks are missing."""
+    """Return a README with the three tables put between their marks.
+
+    Raises:
+        InputError: The marks are missing.
+    """
     tables = {
         "results": in_short(results),
         "benchmark": benchmark(results),
@@ -103,7 +110,10 @@ def fill_readme(readme: str, results: Results) -> str:
 
 
 def markdown(results: Results) -> str:
-    """The table of claims; links are relative to the repository's root."""
+    """Return the table of claims as Markdown.
+
+    Its links are relative to the repository's root.
+    """
     lines = ["| paper | it says | where | paper's value | ours | verdict |", "|---|---|---|---|---|---|"]
     for claim in CLAIMS:
         name = claim.code.rpartition(".")[2]
@@ -121,10 +131,10 @@ def markdown(results: Results) -> str:
 
 
 def source_of(code: str) -> str:
-    """The file, from the repository's root, that holds a dotted name below dronekeypp.
+    """Return the file, from the repository's root, that holds a dotted name below dronekeypp.
 
     Raises:
-        InputError: there is no such module.
+        InputError: There is no such module.
     """
     package, parts = Path(__file__).parents[1], code.split(".")
     for n in range(len(parts), 0, -1):
@@ -136,7 +146,10 @@ def source_of(code: str) -> str:
 
 
 def in_short(results: Results) -> str:
-    """The results in three lines: the paper's, its network measured here, ours; and what the columns are."""
+    """Return the results in three lines: the paper's, those of its network measured here, and ours.
+
+    A text after them says what the columns are.
+    """
     rotation, translation = printed("table3", "DroneKey++").split(", ")
     lines = [
         "| | rotation MAE / MedAE | translation MAE / MedAE | class | frames/s, CPU |",
@@ -167,14 +180,21 @@ def in_short(results: Results) -> str:
 
 
 def _network_line(results: Results, name: str, title: str, row: dict[str, Any]) -> str:
-    """One of our networks in `in_short`: its name in the speed table, what it is called, and its errors."""
+    """Return the line of one of our networks in `in_short`.
+
+    Args:
+        results: the recorded results.
+        name: its name in the speed table.
+        title: what it is called.
+        row: its errors.
+    """
     rotation, translation = pose(row).split(", ")
     speed = f"{results.fps(name, 'ONNX Runtime'):.0f} ({results.fps(name, 'eager'):.0f})"
     return line([title, rotation, translation, f"{100 * row['class_accuracy']:.0f} %", speed])
 
 
 def benchmark(results: Results) -> str:
-    """What `reproduce` can be asked, and what has been recorded of it."""
+    """Return a table of what `reproduce` can be asked, and of what has been recorded of it."""
     lines = ["| `reproduce …` | asks | recorded | minutes |", "|---|---|---|---:|"]
     for name, question in BENCHMARK.items():
         try:

@@ -1,8 +1,8 @@
-"""The domain table: trained before drawn environments or photographs, and tested before each of them.
+"""Train and test in front of drawn environments and of photographs, in every combination (the domain table).
 
-The paper puts its drones before 360° photographs and says they close the gap to reality. This measures what
-the background alone does: drones, flights, cameras and budget are the same, and photographs are split by
-panorama, as the drawn environments are.
+The paper puts its drones in front of 360° photographs and says that these close the gap to reality. This
+table measures what the background alone does. Drones, flights, cameras and budget are the same, and
+photographs are split by panorama, as the drawn environments are.
 """
 
 from __future__ import annotations
@@ -23,10 +23,11 @@ LEAST = 6  # photographs: with fewer, the splits would share them
 
 
 def benches(bench: Bench) -> dict[str, Bench]:
-    """The bench of each of DOMAINS: the one given, and one whose data have photographed backgrounds.
+    """Return the bench of each of DOMAINS: the one given, and one whose data have photographed backgrounds.
 
     Raises:
-        InputError: the bench names no folder of photographs, or it holds fewer than six equirectangular ones.
+        InputError: The bench names no folder of photographs, or the folder holds fewer than six
+            equirectangular ones.
     """
     if bench.photographs is None:
         raise InputError(
@@ -45,13 +46,20 @@ def benches(bench: Bench) -> dict[str, Bench]:
 
 
 class Domains(Table):
-    """The four cells, with one seed unless told otherwise."""
+    """Measure the four cells of the table.
+
+    Each has one seed unless another number is given.
+    """
 
     name = "domains"
     full_budget = True
 
     def prepare(self, bench: Bench) -> None:
-        """Render both data sets. Raises InputError as `benches` does."""
+        """Render both data sets.
+
+        Raises:
+            InputError: The photographs are missing or too few, see `benches`.
+        """
         self.benches = benches(bench)
         for domain in self.benches.values():
             domain.render()
@@ -64,7 +72,7 @@ class Domains(Table):
         return jobs
 
     def measure(self, job: Job) -> Part:
-        """One training, tested before both: {"run", "rows", "averages"}."""
+        """Test one training with both backgrounds and return {"run", "rows", "averages"}."""
         part: Part = {"rows": [], "averages": []}
         for tested, target in self.benches.items():
             frames = job.bench.measure(job.run, job.seed, name=f"test-{tested}", data=target.data)[None]
@@ -84,7 +92,7 @@ class Domains(Table):
 
 
 def markdown(recorded: dict[str, Any]) -> str:
-    """One line a cell, with 95 % intervals over the 14 sequences."""
+    """Return the table with one line for each cell, with 95 % intervals over the 14 sequences."""
     lines = [
         "# What a background is worth: DroneKey++ trained and tested before drawn and photographed "
         "environments",

@@ -1,4 +1,4 @@
-"""What the claims of the paper are held against: the recorded results, and conditions on them."""
+"""Hold the claims of the paper against the recorded results, by values and by conditions on them."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ Row = dict[str, Any]
 
 
 class Results:
-    """The recorded results below `root`, or those of the repository: `results["table3"]`.
+    """Give access to the recorded results below `root`, or to those of the repository: `results["table3"]`.
 
-    Each is read once.
+    Each result is read once.
     """
 
     def __init__(self, root: Path | None = None) -> None:
@@ -43,23 +43,23 @@ class Results:
         return self._read[name]
 
     def row(self, name: str, method: str = "DroneKey++", variant: str | None = None) -> Row:
-        """Every measure of a row, averaged over the seeds and the 14 columns."""
+        """Return every measure of a row, averaged over the seeds and the 14 columns."""
         return average(self[name], method, variant)
 
     def pose(self, name: str, method: str = "DroneKey++", variant: str | None = None) -> str:
-        """The four numbers of a row as text."""
+        """Return the four numbers of a row as text."""
         return pose(self.row(name, method, variant))
 
     def pose_step(self, name: str, before: str, after: str) -> str:
-        """The four numbers of two rows of an ablation, with an arrow between them."""
+        """Return the four numbers of two rows of an ablation, with an arrow between them."""
         return f"{self.pose(name, variant=before)} → {self.pose(name, variant=after)}"
 
     def step(self, name: str, before: str, after: str, key: str) -> ablations.Difference:
-        """By how much and how surely the row `after` of an ablation differs from the row `before`."""
+        """Return by how much, and how surely, the ablation row `after` differs from the row `before`."""
         return ablations.difference({**self[name], "reference": before}, after, key)
 
     def fps(self, name: str, engine: str, key: str = "frames_per_s") -> float:
-        """Frames a second on the CPU at batch 1, or another value of that row of the speed table."""
+        """Return the frames a second on the CPU at batch 1, or another value of that speed row."""
         wanted = (name, engine, "cpu", 1)
         for row in self["speed"]["rows"]:
             if (row["name"], row["engine"], row["device"], row["batch"]) == wanted:
@@ -69,20 +69,20 @@ class Results:
 
 @dataclass(frozen=True)
 class Claim:
-    """A line of the table of claims.
+    """Describe a line of the table of claims.
 
     Args:
         where: the place in the paper.
-        says: what it says there.
+        says: what the paper says there.
         code: a dotted name below dronekeypp.
         test: FILE::FUNCTION below tests.
         notebook: the stem of its file.
         section: the number of the notebook's section.
         verdict: REPRODUCED, DIFFERS or NOT_ATTEMPTED.
-        why: in what sense, or what stands against it.
+        why: in what sense it was reproduced, or what stands against it.
         paper: the paper's values, where there are any.
-        ours: makes our values of the results.
-        holds: whether the verdict stands, by the results.
+        ours: a function that makes our values from the results.
+        holds: a function that says whether the verdict stands, by the results.
     """
 
     where: str
@@ -102,17 +102,20 @@ class Claim:
 
 
 def four_numbers(R_mae: float, R_medae: float, t_mae: float, t_medae: float) -> str:
-    """Rotation MAE / MedAE in degrees, and translation MAE / MedAE in metres."""
+    """Write rotation MAE / MedAE in degrees, and translation MAE / MedAE in metres."""
     return f"{R_mae:.1f}° / {R_medae:.1f}°, {t_mae:.3f} / {t_medae:.3f} m"
 
 
 def pose(row: Row) -> str:
-    """The four numbers of a row of ours. The translation's MAE is per axis, as the paper's seems to be."""
+    """Write the four numbers of a row of ours.
+
+    The translation's MAE is per axis, as the paper's seems to be.
+    """
     return four_numbers(*[row[key] for key in PRINTED_KEYS])
 
 
 def printed(table: str, row: str) -> str:
-    """The same four numbers as the paper prints them."""
+    """Write the same four numbers as the paper prints them."""
     values = PAPER[table][row]
     if isinstance(values, dict):
         values = [values[key]["average_printed"] for key in PRINTED_KEYS.values()]
@@ -120,12 +123,12 @@ def printed(table: str, row: str) -> str:
 
 
 def printed_step(table: str, before: str, after: str) -> str:
-    """The printed numbers of two rows, with an arrow between them."""
+    """Write the printed numbers of two rows, with an arrow between them."""
     return f"{printed(table, before)} → {printed(table, after)}"
 
 
 def lower(row: Row, other: Row, keys: Iterable[str] = tuple(PRINTED_KEYS)) -> bool:
-    """Whether a row's errors are lower than another's in every one of the measures."""
+    """Tell whether a row's errors are lower than another's in every one of the measures."""
     return all(row[key] < other[key] for key in keys)
 
 
@@ -133,50 +136,53 @@ def lower(row: Row, other: Row, keys: Iterable[str] = tuple(PRINTED_KEYS)) -> bo
 
 
 def frames_again(results: Results) -> str:
-    """How many frames the data set has."""
+    """Say how many frames the data set has."""
     return f"{count_frames():,} frames, made again from a seed"
 
 
 def dronekey_and_upright(results: Results) -> str:
-    """DroneKey in Table 3, with either reading of its two poses."""
+    """Give the numbers of DroneKey in Table 3, with either reading of its two poses."""
     upright = results.pose("table3", "DroneKey", "upright")
     return f"{results.pose('table3', 'DroneKey')}; upright {upright}"
 
 
 def dronepose_and_told_the_crop(results: Results) -> str:
-    """DronePose in Table 3, without and with the place of its crop."""
+    """Give the numbers of DronePose in Table 3, without and with the place of its crop."""
     with_crop = results.pose("table3", "DronePose", "told the crop")
     return f"{results.pose('table3', 'DronePose')}; told the crop {with_crop}"
 
 
 def equal_and_tanh(results: Results) -> str:
-    """Two rows of Table 6."""
+    """Give the numbers of two rows of Table 6, "equal" and "tanh-weighted"."""
     tanh = results.pose("table6", variant="tanh-weighted")
     return f"{results.pose('table6', variant='equal')}; tanh {tanh}"
 
 
 def cpu_speed(results: Results) -> str:
-    """Frames a second of our network and of one as large as the paper's."""
+    """Give the frames a second of our network and of one as large as the paper's."""
     ours = results.fps("DroneKey++", "ONNX Runtime")
     large = results.fps("DroneKey++, paper-sized", "eager")
     return f"{ours:.0f} frames/s (paper-sized {large:.0f})"
 
 
 def with_and_without_a_drone(results: Results) -> str:
-    """The translation error of a drone in training, and left out of it."""
+    """Give the translation error of a drone in training, and of a drone left out of it."""
     in_training, left_out = left_out_errors(results)
     return f"a drone in training → left out: {in_training:.2f} → {left_out:.2f} m"
 
 
 def left_out_errors(results: Results) -> tuple[float, float]:
-    """Median translation error, m, mean of the drones: in training, and left out of it."""
+    """Return the median translation errors in metres of drones in training, and of drones left out of it.
+
+    Both are means over the drones.
+    """
     recorded = results["priors"]
     pairs = [priors.left_out(recorded, drone, "t_medae_m") for drone in recorded["hub_radius_m"]]
     return mean(pair[0] for pair in pairs), mean(pair[1] for pair in pairs)
 
 
 def of_figure_6(results: Results) -> list[Row]:
-    """The rows of Figure 6 that are about whole pictures, by the descriptor."""
+    """Return the rows of Figure 6 that are about whole pictures, by the descriptor."""
     names = ("real", "plain", "drawn", "photographs")
     rows = []
     for row in results["figure6"]["rows"]:
@@ -186,24 +192,24 @@ def of_figure_6(results: Results) -> list[Row]:
 
 
 def frechet_distances(results: Results) -> str:
-    """The Fréchet distance of each made set of Figure 6."""
+    """Give the Fréchet distance of each made set of Figure 6."""
     words = [f"{row['set']} {row['frechet']:.0f}" for row in of_figure_6(results) if row["set"] != "real"]
     return "Fréchet " + ", ".join(words)
 
 
 def shipped_answers(results: Results) -> list[Row]:
-    """What the shipped network says to the sets of Figure 6."""
+    """Return what the shipped network says to the sets of Figure 6."""
     return [row for row in results["figure6"]["answers"] if row["network"] == "shipped"]
 
 
 def mirror_doubts(results: Results) -> str:
-    """The shipped network's mirror doubt on real and on rendered frames."""
+    """Give the shipped network's mirror doubt on real and on rendered frames."""
     doubt = {row["set"]: row["doubt_px"] for row in shipped_answers(results)}
     return f"doubt {doubt['real']:.0f} px of 96 (rendered {doubt['drawn']:.0f})"
 
 
 def no_gpu_was_measured(results: Results) -> bool:
-    """Whether the recorded speed has no row of a GPU."""
+    """Tell whether the recorded speed has no row of a GPU."""
     return not any(row["device"] == "cuda" for row in results["speed"]["rows"])
 
 
@@ -211,14 +217,17 @@ def no_gpu_was_measured(results: Results) -> bool:
 
 
 def below_the_paper(results: Results) -> bool:
-    """Whether DroneKey++ is better in Table 3 than the paper prints it, in all four numbers."""
+    """Tell whether DroneKey++ beats its printed row of Table 3 in all four numbers."""
     paper = PAPER["table3"]["DroneKey++"]
     values = {ours: paper[theirs]["average_printed"] for ours, theirs in PRINTED_KEYS.items()}
     return lower(results.row("table3"), values)
 
 
 def dronekey_is_ahead_but_for_the_mean(results: Results) -> bool:
-    """Whether DroneKey++ beats DroneKey in the mean rotation only, and the upright DroneKey in nothing."""
+    """Tell whether DroneKey++ beats DroneKey in the mean rotation only.
+
+    The upright DroneKey must not be beaten in any number.
+    """
     ours, dronekey = results.row("table3"), results.row("table3", "DroneKey")
     upright = results.row("table3", "DroneKey", "upright")
     others = [key for key in PRINTED_KEYS if key != "R_mae_deg"]
@@ -226,13 +235,13 @@ def dronekey_is_ahead_but_for_the_mean(results: Results) -> bool:
 
 
 def true_keypoints_are_better(results: Results) -> bool:
-    """Whether the row of Table 4 without an encoder has the lower mean rotation error."""
+    """Tell whether the row of Table 4 without an encoder has the lower mean rotation error."""
     without_encoder = results.row("table4", variant=NO_ENCODER)
     return lower(without_encoder, results.row("table4", variant="encoder"), ["R_mae_deg"])
 
 
 def rays_help(results: Results) -> bool:
-    """Whether the ray embedding makes both translation and rotation better."""
+    """Tell whether the ray embedding makes both translation and rotation better."""
     for key in ("t_medae_m", "R_mae_deg"):
         if "better" not in results.step("table5", ONLY_POSE, WITH_RAYS, key).verdict:
             return False
@@ -240,7 +249,7 @@ def rays_help(results: Results) -> bool:
 
 
 def the_class_helps_translation_alone(results: Results) -> bool:
-    """Whether the class makes the translation better, and the rotation is not told apart."""
+    """Tell whether the class makes the translation better, while the rotation is not told apart."""
     for key in ("t_axis_mae_m", "t_medae_m"):
         if "better" not in results.step("table5", WITHOUT_CLASS, FULL_DECODER, key).verdict:
             return False
@@ -251,7 +260,7 @@ def the_class_helps_translation_alone(results: Results) -> bool:
 
 
 def weights_make_no_difference(results: Results) -> bool:
-    """Whether no other weights of the losses are told apart from equal ones in the mean rotation."""
+    """Tell whether no other weights of the losses are told apart from equal ones in the mean rotation."""
     for row in ablations.ABLATIONS["table6"].rows:
         if row.name != "equal":
             if results.step("table6", "equal", row.name, "R_mae_deg").verdict != "not told apart":
@@ -260,19 +269,22 @@ def weights_make_no_difference(results: Results) -> bool:
 
 
 def photographs_lie_nearest(results: Results) -> bool:
-    """Whether the Fréchet distance to real frames falls from plain to drawn to photographed places."""
+    """Tell whether the Fréchet distance to real frames falls from plain to drawn to photographed places."""
     distance = {row["set"]: row["frechet"] for row in of_figure_6(results)}
     return distance["photographs"] < distance["drawn"] < distance["plain"]
 
 
 def real_frames_are_doubted(results: Results) -> bool:
-    """Whether the shipped network's mirror doubt is more than three times as large on real frames."""
+    """Tell whether the shipped network's mirror doubt is more than three times as large on real frames."""
     doubt = {row["set"]: row["doubt_px"] for row in shipped_answers(results)}
     return doubt["real"] > 3 * doubt["drawn"]
 
 
 def sizes_are_learned(results: Results) -> bool:
-    """Whether a wrong class is a wrong distance, and a drone left out of training is much farther off."""
+    """Tell whether the network's answers show that it has learned the drones' sizes.
+
+    It has if a wrong class gives a wrong distance, and a drone left out of training is put much farther off.
+    """
     slope, _ = priors.told_slope(results["priors"])
     in_training, left_out = left_out_errors(results)
     return slope > 0.5 and left_out > 3 * in_training

@@ -1,11 +1,11 @@
-"""Figure 6: real drone frames, older-style synthetic ones, and ours before drawn and photographed places.
+"""Compare real drone frames with older-style synthetic ones and with ours (Figure 6).
 
-The paper reads realism off two scatter plots. Here they stand beside four distances to the real frames, each
-with an interval.
+Ours have drawn or photographed backgrounds. The paper reads realism off two scatter plots. Here they stand
+beside four distances to the real frames, each with an interval.
 
 With `--real DIR` everything is measured from pictures (`figure6_sets.py`). Without it, everything is measured
-from the features that an earlier call recorded in data_samples/results/figure6_features.npz (numbers: no
-picture can be made from them). The measures stand in `figure6_measures.py`.
+from the features that an earlier call recorded in data_samples/results/figure6_features.npz. They are numbers
+from which no picture can be made. The measures stand in `figure6_measures.py`.
 """
 
 from __future__ import annotations
@@ -96,7 +96,10 @@ Planes = dict[str, dict[str, np.ndarray]]
 
 
 class Figure6(Table):
-    """The distances and the maps. Nothing is trained."""
+    """Measure the distances and draw the maps.
+
+    Nothing is trained.
+    """
 
     name = "figure6"
 
@@ -105,10 +108,10 @@ class Figure6(Table):
         self.labels = np.array([])  # (n,) the set of each point of the planes
 
     def reproduce(self, bench: Bench, seeds: int | None = None) -> dict[str, Any]:
-        """Measure the distances, draw the figures, record both (and, from pictures, the features).
+        """Measure the distances, draw the figures, and record both (and, from pictures, the features).
 
         Raises:
-            InputError: real frames that cannot be read, or neither pictures nor recorded features.
+            InputError: The real frames cannot be read, or there are neither pictures nor recorded features.
         """
         if bench.real is not None:
             arrays, answers, datasets = from_pictures(bench, bench.real)
@@ -157,12 +160,15 @@ class Figure6(Table):
 
 
 def reproduce(bench: Bench) -> dict[str, Any]:
-    """Measure, draw and record. Returns the recorded result; see `Figure6.reproduce`."""
+    """Measure, draw and record, and return the recorded result.
+
+    See `Figure6.reproduce`.
+    """
     return Figure6().reproduce(bench)
 
 
 def planes_of(x: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """All components of the sets as made, the first two, and every one of MAPS."""
+    """Return all components of the sets as made, the first two, and every one of MAPS."""
     together = np.concatenate([x[name] for name in SETS if name in x])
     planes = {"all components": together, "two components": together[:, :2]}
     for perplexity, seed in MAPS:
@@ -171,10 +177,12 @@ def planes_of(x: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def read_features(root: Path | None = None) -> Features:
-    """The recorded features, from `root` or the repository: "SET/KIND" (n, D) float16 and "SET/groups" (n,).
+    """Read the recorded features from `root` or from the repository.
+
+    They are "SET/KIND" (n, D) float16 and "SET/groups" (n,).
 
     Raises:
-        InputError: none are recorded there, or there is no `root` and no repository.
+        InputError: No features are recorded there, or there is no `root` and no repository.
     """
     path = (root or repository_root()) / FEATURES
     if not path.is_file():
@@ -189,7 +197,10 @@ def read_features(root: Path | None = None) -> Features:
 
 
 def set_label(name: str) -> str:
-    """ "drawn small" -> "ours, drawn places: as small as the real ones"."""
+    """Turn the name of a set into its label.
+
+    "drawn small" becomes "ours, drawn places: as small as the real ones".
+    """
     base, _, version = name.partition(" ")
     if base == "real":
         return "real frames among themselves"
@@ -198,20 +209,20 @@ def set_label(name: str) -> str:
 
 
 def short_label(name: str) -> str:
-    """Of a set or one of its versions, for an axis."""
+    """Return the label of a set, or of one of its versions, for an axis."""
     base, _, version = name.partition(" ")
     return VERSIONS[" " + version] if version else set_label(base)
 
 
 def with_interval(row: dict[str, Any], key: str) -> str:
-    """ "12.3 [10.0, 15.0]"."""
+    """Write a measure with its interval as "12.3 [10.0, 15.0]"."""
     digits = 1 if key in ("frechet", "doubt_px") else 2
     low, high = row[f"{key}_ci95"]
     return f"{row[key]:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
 
 
 def markdown(recorded: dict[str, Any]) -> str:
-    """The distances to the real frames, set by set, and what the changes are worth."""
+    """Return the distances to the real frames, set by set, and then what the changes are worth."""
     lines = [
         "# Figure 6: how far the made pictures are from real ones",
         "",
@@ -256,7 +267,7 @@ def markdown(recorded: dict[str, Any]) -> str:
 
 
 def _change(row: dict[str, Any]) -> str:
-    """A row of `gains` as text."""
+    """Write a row of `gains` as text."""
     digits = 1 if row["measure"] == "frechet" else 2
     low, high = row["difference_ci95"]
     return f"{row['difference']:+.{digits}f} [{low:+.{digits}f}, {high:+.{digits}f}]"
@@ -266,7 +277,7 @@ def _change(row: dict[str, Any]) -> str:
 
 
 def scatter(ax: plt.Axes, points: np.ndarray, labels: np.ndarray) -> plt.Axes:
-    """The sets on a plane, points (n, 2), the real ones on top."""
+    """Draw the sets on a plane as points (n, 2), with the real ones on top."""
     for name in [*list(SETS)[1:], "real"]:
         if name in labels:
             text, colour, marker = SETS[name]
@@ -277,7 +288,7 @@ def scatter(ax: plt.Axes, points: np.ndarray, labels: np.ndarray) -> plt.Axes:
 
 
 def draw_maps(planes: Planes, labels: np.ndarray) -> plt.Figure:
-    """The paper's two scatter plots, once for each kind of features.
+    """Draw the paper's two scatter plots, once for each kind of features.
 
     Args:
         planes: {kind: {"two components" or the name of a t-SNE: points (n, 2)}}.
@@ -296,9 +307,9 @@ def draw_maps(planes: Planes, labels: np.ndarray) -> plt.Figure:
 
 
 def draw_distances(recorded: dict[str, Any]) -> plt.Figure:
-    """One panel a measure, and one row of panels for each kind of features.
+    """Draw one panel for each measure, and one row of panels for each kind of features.
 
-    A line is a set with its interval; its mark is filled where the set is as it was made.
+    A line is a set with its interval. Its mark is filled where the set is as it was made.
     """
     plots.style()
     rows = {(row["features"], row["set"]): row for row in recorded["rows"]}
@@ -324,7 +335,7 @@ def draw_distances(recorded: dict[str, Any]) -> plt.Figure:
 
 
 def _draw_distance(ax: plt.Axes, y: int, row: dict[str, Any], key: str) -> None:
-    """One measure of one set at height `y`."""
+    """Draw one measure of one set at height `y`."""
     base, _, version = row["set"].partition(" ")
     _, colour, marker = SETS[base]
     fill = "white" if version else colour

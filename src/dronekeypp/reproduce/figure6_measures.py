@@ -1,4 +1,4 @@
-"""The measures of Figure 6: how far made pictures are from real ones by their features, and maps."""
+"""Measure how far made pictures are from real ones by their features, and make maps (Figure 6)."""
 
 from __future__ import annotations
 
@@ -36,17 +36,17 @@ DISTANCES: dict[str, Callable[[np.ndarray, np.ndarray], float]] = {"frechet": fr
 
 
 def kinds_of(arrays: Features) -> list[str]:
-    """The kinds of features that have been recorded."""
+    """Return the kinds of features that have been recorded."""
     return [kind for kind in KINDS if f"real/{kind}" in arrays]
 
 
 def sets_of(arrays: Features) -> list[str]:
-    """Names of the sets and their versions, real first."""
+    """Return the names of the sets and their versions, real first."""
     return [key.removesuffix("/groups") for key in arrays if key.endswith("/groups")]
 
 
 def components(arrays: Features, kind: str) -> tuple[dict[str, np.ndarray], float]:
-    """Every set in the first COMPONENTS principal components of the standardised features.
+    """Return every set in the first COMPONENTS principal components of the standardised features.
 
     Scaler and components are fitted to the four sets as they are (the paper's StandardScaler and PCA).
 
@@ -65,9 +65,9 @@ def components(arrays: Features, kind: str) -> tuple[dict[str, np.ndarray], floa
 
 
 def distances(x: dict[str, np.ndarray], arrays: Features) -> Iterator[dict[str, Any]]:
-    """The four measures of every set against the real one, with their intervals.
+    """Measure every set against the real one in four ways, with intervals.
 
-    Of the real one, see `among_themselves`. `x` are the sets as `components` returns them.
+    For the real set itself, see `among_themselves`. `x` are the sets as `components` returns them.
     """
     real, groups = x["real"], arrays["real/groups"]
     yield among_themselves(real, groups)
@@ -83,7 +83,7 @@ def distances(x: dict[str, np.ndarray], arrays: Features) -> Iterator[dict[str, 
 def against(
     real: np.ndarray, made: np.ndarray, real_groups: np.ndarray, made_groups: np.ndarray
 ) -> dict[str, Any]:
-    """The four measures of one made set, each with its interval KEY_ci95."""
+    """Return the four measures of one made set, each with its interval KEY_ci95."""
     both, groups = [real, made], [real_groups, made_groups]
     scores = list(held_out_scores(real, made, real_groups, made_groups))
     near = covered(real, made).astype(float)
@@ -107,7 +107,7 @@ def _share(values: np.ndarray) -> float:
 
 
 def among_themselves(real: np.ndarray, groups: np.ndarray, splits: int = 40) -> dict[str, Any]:
-    """The four measures between a random half of the real videos and the other half.
+    """Return the four measures between a random half of the real videos and the other half.
 
     No distance can be expected to fall below them. Each is the mean over `splits`, and its interval says
     where the middle 95 % of them lie.
@@ -127,7 +127,7 @@ def among_themselves(real: np.ndarray, groups: np.ndarray, splits: int = 40) -> 
 
 
 def pairs_of(arrays: Features) -> list[tuple[str, str]]:
-    """The pairs of sets whose change is measured.
+    """Return the pairs of sets whose change is measured.
 
     They are each made set and the next, the first and the last, and each made set and its versions.
     """
@@ -143,7 +143,7 @@ def pairs_of(arrays: Features) -> list[tuple[str, str]]:
 def gains(
     x: dict[str, np.ndarray], arrays: Features, pairs: list[tuple[str, str]]
 ) -> Iterator[dict[str, Any]]:
-    """How much nearer to the real frames the second set of each pair is than the first.
+    """Measure how much nearer to the real frames the second set of each pair is than the first.
 
     It is the difference of two distances, with its interval.
     """
@@ -168,7 +168,7 @@ def change_of(
     before: np.ndarray,
     after: np.ndarray,
 ) -> float:
-    """By how much `after` is farther from the real set than `before`."""
+    """Return by how much `after` is farther from the real set than `before`."""
     return distance(real, after) - distance(real, before)
 
 
@@ -176,7 +176,7 @@ def change_of(
 
 
 def tsne(x: dict[str, np.ndarray], perplexity: float, seed: int) -> np.ndarray:
-    """Every picture of the sets as made on a plane, (sum of n, 2), in the order of SETS.
+    """Put every picture of the sets as made on a plane, (sum of n, 2), in the order of SETS.
 
     This is t-SNE (van der Maaten & Hinton 2008).
     """
@@ -186,19 +186,19 @@ def tsne(x: dict[str, np.ndarray], perplexity: float, seed: int) -> np.ndarray:
 
 
 def tsne_name(perplexity: float, seed: int) -> str:
-    """How one of MAPS is called."""
+    """Return the name of one of MAPS."""
     return f"t-SNE, perplexity {perplexity}, seed {seed}"
 
 
 def labels_of(x: dict[str, np.ndarray]) -> np.ndarray:
-    """The set of each row of `tsne`."""
+    """Return the set of each row of `tsne`."""
     return np.concatenate([[name] * len(x[name]) for name in SETS if name in x])
 
 
 def flights_of(arrays: Features) -> np.ndarray:
-    """The video or flight of each row of `tsne`.
+    """Return the video or flight of each row of `tsne`.
 
-    A flight has one number before every background, a video one of its own.
+    A flight has the same number with every background. A video has a number of its own.
     """
     numbers = []
     for name in SETS:
@@ -209,7 +209,7 @@ def flights_of(arrays: Features) -> np.ndarray:
 
 
 def purity(points: np.ndarray, labels: np.ndarray, flights: np.ndarray) -> dict[str, float]:
-    """By label: the share of a picture's 10 nearest neighbours that have its label.
+    """Return, by label, the share of a picture's 10 nearest neighbours that have its label.
 
     Neighbours come from other videos and flights only.
 
@@ -226,7 +226,7 @@ def purity(points: np.ndarray, labels: np.ndarray, flights: np.ndarray) -> dict[
 
 
 def centre_order(points: np.ndarray, labels: np.ndarray) -> list[str]:
-    """The made sets by the distance of their centre from the real ones', nearest first.
+    """Sort the made sets by the distance of their centre from the real ones' centre, nearest first.
 
     This is what an eye reads off a scatter plot.
     """

@@ -1,4 +1,4 @@
-"""The pictures of Figure 6: real drone frames, made ones, and what networks say to them."""
+"""Make the sets of pictures of Figure 6, real and made, and ask networks about them."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ Features = dict[str, np.ndarray]  # "SET/KIND" (n, D) float16 and "SET/groups" (
 
 @dataclass(frozen=True)
 class Pictures:
-    """Crops of drones, all of one size.
+    """Hold crops of drones, all of one size.
 
     Args:
         images: (n, S, S, 3) uint8 RGB.
@@ -74,7 +74,7 @@ class Pictures:
 
     @property
     def tensor(self) -> Tensor:
-        """The images as networks take them, (n, 3, S, S) in [0, 1]."""
+        """Return the images as networks take them, (n, 3, S, S) in [0, 1]."""
         return torch.from_numpy(self.images).permute(0, 3, 1, 2).float() / 255
 
 
@@ -82,12 +82,12 @@ class Pictures:
 
 
 def real_pictures(folder: Path, size: int) -> Pictures:
-    """The crops that FOLDER/boxes.csv names, one drone a row.
+    """Read the crops that FOLDER/boxes.csv names, with one drone in each row.
 
     Its columns are file, video, and a box x, y, w, h in pixels (or tight_x, …).
 
     Raises:
-        InputError: no such file, a column or an image missing, a box that is none.
+        InputError: There is no such file, a column or an image is missing, or a box is not valid.
     """
     path = folder / "boxes.csv"
     if not path.is_file():
@@ -123,7 +123,7 @@ def real_pictures(folder: Path, size: int) -> Pictures:
 
 
 def made_pictures(data: Path, size: int) -> Pictures:
-    """PICTURES crops of the test flights, evenly spaced."""
+    """Return PICTURES crops of the test flights, evenly spaced."""
     dataset = open_dataset(data, "test", size=size)
     chosen = np.linspace(0, len(dataset) - 1, min(PICTURES, len(dataset))).round().astype(int)
     images, annotations = [], []
@@ -140,9 +140,9 @@ def made_pictures(data: Path, size: int) -> Pictures:
 
 
 def as_small(pictures: Pictures, sides: np.ndarray) -> Pictures:
-    """Each crop at the resolution of a real one that is drawn at random.
+    """Show each crop at the resolution of a real one that is drawn at random.
 
-    It is shrunk to that many pixels and enlarged again. `sides` (m,) are the real crops' in pixels.
+    It is shrunk to that many pixels and enlarged again. `sides` (m,) are the real crops' sides in pixels.
     """
     size, rng = pictures.images.shape[1], np.random.default_rng(0)
     drawn = rng.choice(sides, len(pictures.images)).round().astype(int).clip(4, size)
@@ -154,7 +154,7 @@ def as_small(pictures: Pictures, sides: np.ndarray) -> Pictures:
 
 
 def as_video(pictures: Pictures) -> Pictures:
-    """Each crop as `augment.degrade` shows it."""
+    """Show each crop as `augment.degrade` shows it."""
     images = []
     for i, image in enumerate(pictures.images):
         images.append(degrade(image, np.random.default_rng([0, i])))
@@ -162,7 +162,7 @@ def as_video(pictures: Pictures) -> Pictures:
 
 
 def paint_plain(folder: Path) -> Path:
-    """Paint panoramas of one colour above the horizon and one below. Returns `folder`.
+    """Paint panoramas of one colour above the horizon and one below, and return `folder`.
 
     They stand for the virtual backgrounds of older synthetic data.
     """
@@ -177,7 +177,7 @@ def paint_plain(folder: Path) -> Path:
 
 
 def rendered(bench: Bench, name: str, environments: Path | None) -> Path:
-    """The folder of a made set, its test flights rendered if they are not there."""
+    """Return the folder of a made set, after rendering its test flights if they are missing."""
     folder = bench.data if name == "drawn" else bench.data.with_name(f"{bench.data.name}-{name}")
     manifest = read_json(folder / "manifest.json") if (folder / "manifest.json").is_file() else {}
     usual = max(bench.stride, 10) if name == "plain" else bench.stride  # plain: just enough
@@ -198,10 +198,12 @@ def rendered(bench: Bench, name: str, environments: Path | None) -> Path:
 
 
 def all_sets(bench: Bench, real: Path, size: int) -> tuple[dict[str, Pictures], dict[str, Any]]:
-    """Every set and version by its name, the real one first; and what the data of the made ones are.
+    """Return every set and version by its name, and what the data of the made ones are.
+
+    The real set comes first.
 
     Raises:
-        InputError: real frames that cannot be read.
+        InputError: The real frames cannot be read.
     """
     sets, datasets = {"real": real_pictures(real, size)}, {}
     sides = sets["real"].squares[:, 2]
@@ -250,9 +252,9 @@ def from_pictures(bench: Bench, real: Path) -> tuple[Features, list[dict], dict[
 
 
 def feature_kinds(network: DroneKeyPP) -> dict[str, Callable[[Tensor], np.ndarray]]:
-    """What turns pictures (n, 3, S, S) into features (n, D), by its name in KINDS.
+    """Return the functions that turn pictures (n, 3, S, S) into features (n, D), by their names in KINDS.
 
-    ImageNet's join in where torchvision has once downloaded the weights of its ResNet-18.
+    ImageNet's features join in where torchvision has once downloaded the weights of its ResNet-18.
     """
     kinds: dict[str, Callable[[Tensor], np.ndarray]] = {
         "descriptor": descriptor,
@@ -266,7 +268,7 @@ def feature_kinds(network: DroneKeyPP) -> dict[str, Callable[[Tensor], np.ndarra
 
 
 def trained_on_degraded(bench: Bench) -> dict[str, DroneKeyPP]:
-    """The networks of the ablation "degraded" by their rows, as far as they have been trained."""
+    """Return the networks of the ablation "degraded" by their rows, as far as they have been trained."""
     networks = {}
     for row in ablations.ABLATIONS["degraded"].rows:
         best = bench.folder(ablations.run_of(row, bench.preset), 0) / BEST
@@ -277,14 +279,15 @@ def trained_on_degraded(bench: Bench) -> dict[str, DroneKeyPP]:
 
 @torch.inference_mode()
 def answer(network: DroneKeyPP, pictures: Pictures) -> dict[str, Any]:
-    """What can be asked of a network without the truth.
+    """Ask a network what can be asked without the truth.
 
     Returns:
         doubt_px: how far its keypoints move when the crop is mirrored (`predict.mirror_doubt`, pixels of the
-        crop): the median of each video, and their mean, with an interval · inside: the share of them inside
-        the box, a tenth of its longer side around it included · class_probability: the median probability of
-        the class it names · named: how often it names which drone · and where the truth is known, the median
-        errors.
+        crop). It is the median of each video, and their mean, with an interval.
+        inside: the share of the keypoints inside the box, a tenth of its longer side around it included.
+        class_probability: the median probability of the class that it names.
+        named: how often it names which drone.
+        Where the truth is known, the median errors follow.
     """
     network.eval()
     size, count = pictures.images.shape[1], len(pictures.images)
@@ -315,7 +318,10 @@ def answer(network: DroneKeyPP, pictures: Pictures) -> dict[str, Any]:
 
 
 def doubt_by_video(doubts: np.ndarray, groups: np.ndarray) -> dict[str, Any]:
-    """The median doubt of each video, and their mean with its interval. `doubts` (n,) are in pixels."""
+    """Return the median doubt of each video, and their mean with its interval.
+
+    `doubts` (n,) are in pixels.
+    """
     videos = np.unique(groups)
     medians = np.array([np.median(doubts[groups == video]) for video in videos])
     return {
@@ -326,7 +332,10 @@ def doubt_by_video(doubts: np.ndarray, groups: np.ndarray) -> dict[str, Any]:
 
 
 def share_inside(points: np.ndarray, boxes: np.ndarray) -> float:
-    """The share of keypoints (n, 4, 2) inside their drone's box (n, 4), a tenth of its longer side added."""
+    """Return the share of the keypoints (n, 4, 2) that lie inside their drone's box (n, 4).
+
+    A tenth of the box's longer side is added around it.
+    """
     corner, extent = boxes[:, None, :2], boxes[:, None, 2:]
     low = corner - 0.1 * boxes[:, 2:].max(axis=1)[:, None, None]
     high = 2 * corner + extent - low  # as far beyond the other corner

@@ -1,4 +1,7 @@
-"""The README's first picture: what the geometric network of data_samples says of one whole frame a drone."""
+"""Make the README's first picture from one whole frame and a close view of each drone.
+
+It shows what the geometric network of data_samples says of them.
+"""
 
 from __future__ import annotations
 
@@ -24,12 +27,12 @@ BORDER = 3  # pixels of white around a tile
 
 
 def sheet(samples: Path) -> bytes:
-    """A JPEG of one whole frame and a look at each of the seven drones.
+    """Make a JPEG of one whole frame and a close view of each of the seven drones.
 
     They are drawn with box, propellers, axes, name and distance. `samples` is the folder data_samples.
 
     Raises:
-        InputError: the checkpoint or the frames are missing.
+        InputError: The checkpoint or the frames are missing.
     """
     dataset = open_dataset(samples / "frames", "test")
     nearest = nearest_frames(dataset)
@@ -63,7 +66,7 @@ def sheet(samples: Path) -> bytes:
 
 
 def nearest_frames(dataset: FrameDataset) -> list[int]:
-    """For each drone the index of the frame in which its box is widest."""
+    """Return for each drone the index of the frame in which its box is widest."""
     nearest: dict[int, int] = {}
     for i, label in enumerate(dataset.labels):
         width = dataset.frames[i].box[2]
@@ -84,7 +87,7 @@ def copy_frames(dataset: FrameDataset, chosen: list[int], folder: Path) -> None:
 
 
 def near_the_drone(pose: Pose) -> tuple[float, float, float]:
-    """Left, top and width of a part of the frame around its drone, pixels."""
+    """Return left, top and width, in pixels, of a part of the frame around its drone."""
     x, y, w, h = pose.box
     width = 1.7 * max(w, h * TILE[0] / TILE[1])
     height = width * TILE[1] / TILE[0]
@@ -98,14 +101,17 @@ def tile(
     part: tuple[float, float, float],
     drone: DroneClass,
 ) -> np.ndarray:
-    """A part of a frame, enlarged to TILE and drawn upon at that size: (320, 480, 3) uint8.
+    """Cut out a part of a frame, enlarge it to TILE and draw the pose on it at that size.
 
     Args:
-        image: (H, W, 3) the whole frame.
-        pose: of the drone in it.
-        calibration: of the camera.
+        image: (H, W, 3), the whole frame.
+        pose: the pose of the drone in it.
+        calibration: the camera's calibration.
         part: left, top and width in pixels; it is moved inside the frame.
         drone: the class that the pose names.
+
+    Returns:
+        (320, 480, 3) uint8.
     """
     left, top, width = part
     height = width * TILE[1] / TILE[0]

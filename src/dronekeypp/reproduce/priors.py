@@ -1,8 +1,9 @@
-"""Is it prior-free? What the network knows of a drone's size, and where it keeps it.
+"""Ask whether the network is prior-free: what it knows of a drone's size, and where it keeps it.
 
 A picture shows angles, never metres (notebook 02). So a network that answers in metres has learned how large
-each drone is, and its class branch is where it can look that up. Three questions: what if it is given a wrong
-class; what of a drone it was never trained on; and does the class embedding hold sizes?
+each drone is, and its class branch is where it can look that up. The module asks three questions. What does
+it answer when it is given a wrong class? What does it answer for a drone it was never trained on? Does the
+class embedding hold sizes?
 """
 
 from __future__ import annotations
@@ -34,12 +35,15 @@ TOLD_MEASURES = ("distance_ratio", "R_deg", "t_m")  # of `told_wrong`
 
 
 def hub_radius(name: str) -> float:
-    """The size of one of the generator's drones in one number, metres; see `radius`."""
+    """Return the size of one of the generator's drones as one number in metres.
+
+    See `radius`.
+    """
     return radius(DRONES[name].hubs)
 
 
 def radius(hubs: np.ndarray) -> float:
-    """Root mean square distance of hubs (4, 3) from their middle."""
+    """Return the root mean square distance of hubs (4, 3) from their middle."""
     return float(np.sqrt(np.square(hubs - hubs.mean(axis=0)).sum(axis=1).mean()))
 
 
@@ -47,12 +51,15 @@ def radius(hubs: np.ndarray) -> float:
 
 
 def without(drone: str) -> Run:
-    """The training that leaves out one drone, by its name."""
+    """Return the training that leaves out one drone, by its name."""
     return Run(DroneKeyPP.method, f"without {drone}", without=drone)
 
 
 class Priors(Table):
-    """The whole network, and one without each drone of the data set; with one seed unless told otherwise."""
+    """Measure the whole network, and one network without each drone of the data set.
+
+    Each has one seed unless another number is given.
+    """
 
     name = "priors"
     lists = ("rows", "averages", "told", "embedding", "taken_for")
@@ -65,8 +72,10 @@ class Priors(Table):
         return jobs
 
     def measure(self, job: Job) -> Part:
-        """One run: its rows (of the drone it never saw, or of all), what it took them for, and of the whole
-        network the other two questions.
+        """Measure one run.
+
+        The part holds its rows (of the drone that it never saw, or of all) and the classes for which it took
+        them. For the whole network it also holds the other two questions.
         """
         bench, run, seed = job.bench, job.run, job.seed
         names = bench.names
@@ -99,11 +108,13 @@ class Priors(Table):
 def told_wrong(
     model: DroneKeyPP, frames: Frames, truth: dict[str, torch.Tensor]
 ) -> dict[str, list[list[float]]]:
-    """What the network answers when it is given each class in turn. Only the decoder runs again.
+    """Give the network each class in turn, and return what it answers.
+
+    Only the decoder runs again.
 
     Args:
         model: the network.
-        frames: of `evaluate`, with the network's own keypoints.
+        frames: the frames of `evaluate`, with the network's own keypoints.
         truth: the annotations of the same frames.
 
     Returns:
@@ -131,10 +142,11 @@ def told_wrong(
 
 
 def embedding(model: DroneKeyPP, drones: Sequence[DroneClass]) -> dict[str, Any]:
-    """Distances between the columns of the class embedding, n by n, and how they rank differences of size.
+    """Measure the distances between the columns of the class embedding, and how they rank drones by size.
 
-    spearman: rank correlation over the pairs of drones (21 of seven) of |log size ratio| with the distance of
-    the embeddings. 1: sizes lie along one line in it. `drones` are the classes, with their hubs.
+    The distances are n by n. spearman is the rank correlation, over the pairs of drones (21 of seven), of
+    |log size ratio| with the distance of the embeddings. At 1, sizes lie along one line in it. `drones` are
+    the classes, with their hubs.
     """
     vectors = model.decoder.embed_class.weight.T.detach().cpu()  # (n, 64)
     apart = torch.cdist(vectors, vectors).numpy()
@@ -145,14 +157,17 @@ def embedding(model: DroneKeyPP, drones: Sequence[DroneClass]) -> dict[str, Any]
 
 
 def size_differences(sizes: Sequence[float]) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
-    """|log size ratio| of every two of n drones (n (n - 1) / 2,), and the pairs as indices of a matrix."""
+    """Return |log size ratio| of every two of n drones, and the pairs as indices of a matrix.
+
+    The differences have shape (n (n - 1) / 2,).
+    """
     logarithms = np.log(sizes)
     pairs = np.triu_indices(len(sizes), 1)
     return np.abs(logarithms[:, None] - logarithms)[pairs], pairs
 
 
 def reproduce(bench: Bench, seeds: int = 1) -> dict[str, Any]:
-    """Train and measure whatever is missing. Returns the recorded result."""
+    """Train and measure whatever is missing, and return the recorded result."""
     return Priors().reproduce(bench, seeds)
 
 
@@ -160,20 +175,20 @@ def reproduce(bench: Bench, seeds: int = 1) -> dict[str, Any]:
 
 
 def size_ratios(recorded: dict[str, Any]) -> np.ndarray:
-    """Told over true size (7, 7), [true][told]."""
+    """Return the size of the given class over the true size (7, 7), as [true][given]."""
     sizes = np.array(list(recorded["hub_radius_m"].values()))
     return sizes[None, :] / sizes[:, None]
 
 
 def told_medians(recorded: dict[str, Any], key: str) -> np.ndarray:
-    """Medians of `told_wrong`, averaged over the seeds (7, 7), [true][told]."""
+    """Return the medians of `told_wrong`, averaged over the seeds (7, 7), as [true][given]."""
     return np.mean([entry[key] for entry in recorded["told"]], axis=0)
 
 
 def told_slope(recorded: dict[str, Any]) -> tuple[float, float]:
-    """Slope and r² of log(distance ratio) on log(size ratio) over the 42 wrong pairs.
+    """Return slope and r² of log(distance ratio) on log(size ratio) over the 42 wrong pairs.
 
-    At 1 and 1 the told size sets the distance, and nothing else does.
+    If both are 1, the size of the given class sets the distance, and nothing else does.
     """
     wrong = ~np.eye(len(recorded["hub_radius_m"]), dtype=bool)
     sizes = np.log(size_ratios(recorded)[wrong])
@@ -183,7 +198,10 @@ def told_slope(recorded: dict[str, Any]) -> tuple[float, float]:
 
 
 def left_out(recorded: dict[str, Any], drone: str, key: str) -> tuple[float, float]:
-    """A measure of a drone, mean of its two test scenes: with the drone in training, and without."""
+    """Return a measure of a drone with the drone in training, and without it.
+
+    Both are means of its two test scenes.
+    """
     mine = [row for row in recorded["rows"] if row["drone"] == drone]
     inside = [row for row in mine if row["variant"] is None]
     outside = [row for row in mine if row["variant"] == without(drone).variant]
@@ -191,7 +209,7 @@ def left_out(recorded: dict[str, Any], drone: str, key: str) -> tuple[float, flo
 
 
 def by_size(recorded: dict[str, Any]) -> list[str]:
-    """The drones' names, the smallest first."""
+    """Return the drones' names, the smallest first."""
     return sorted(recorded["hub_radius_m"], key=recorded["hub_radius_m"].get)
 
 
@@ -199,7 +217,7 @@ def by_size(recorded: dict[str, Any]) -> list[str]:
 
 
 def markdown(recorded: dict[str, Any]) -> str:
-    """Three short tables, one a question."""
+    """Return three short tables, one for each question."""
     lines = ["# Is it prior-free?", "", heading(recorded)]
     if recorded["told"]:
         lines += _told_lines(recorded)
@@ -271,7 +289,7 @@ def _left_out_lines(recorded: dict[str, Any]) -> list[str]:
 
 
 def draw(recorded: dict[str, Any]) -> plt.Figure:
-    """One panel a question."""
+    """Draw one panel for each question."""
     plots.style()
     figure, axes = plt.subplots(1, 3, figsize=(12, 3.6))
     axes[0].set_title("Told a wrong class")

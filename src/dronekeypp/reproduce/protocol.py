@@ -1,7 +1,7 @@
-"""The protocol of a table: which trainings it needs, what is measured of each, and how it is written down.
+"""Define what a table is: the trainings it needs, what is measured of each, and how it is written down.
 
 Every table of this package is a `Table`. The base class renders and trains what is missing, measures, and
-writes the result after every training that ends. A table says only what is its own.
+writes the result after every training that ends. A table defines only what is its own.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ Part = dict[str, Any]
 
 @dataclass(frozen=True)
 class Job:
-    """One training of a table, to be measured.
+    """Describe one training of a table that is to be measured.
 
     Args:
         bench: where it is made.
         run: the training.
-        seed: of the training.
+        seed: the seed of the training.
         label: the name of its row in the table, where that is not the run's variant.
     """
 
@@ -46,7 +46,7 @@ class Job:
 
 
 class Table:
-    """Base of every table.
+    """A `Table` is the base of every table.
 
     A table of its own sets `name`, and defines `jobs`, `measure` and `markdown`. Where it needs more, it
     defines `prepare`, `finished`, `details`, `as_csv`, `draw` or `record` as well.
@@ -57,14 +57,14 @@ class Table:
     lists: tuple[str, ...] = ("rows", "averages")  # what every job's part holds, joined in the result
 
     def reproduce(self, bench: Bench, seeds: int | None = None) -> dict[str, Any]:
-        """Train and measure whatever is missing. Returns the recorded result.
+        """Train and measure whatever is missing, and return the recorded result.
 
         Args:
-            bench: where, and at what budget.
-            seeds: trainings a row, with seeds 0, 1, …; None is the table's own number.
+            bench: where it is made, and at what budget.
+            seeds: trainings a row, with seeds 0, 1, …; None takes the table's own number.
 
         Raises:
-            InputError: see `prepare`; or the budget has a setting that none of the trainings uses.
+            InputError: `prepare` raises it, or the budget has a setting that none of the trainings uses.
         """
         self.prepare(bench)
         jobs = self.jobs(bench, seeds)
@@ -72,15 +72,18 @@ class Table:
         return self.run_jobs(bench, jobs)
 
     def prepare(self, bench: Bench) -> None:
-        """Make what all jobs need. The default renders the data set."""
+        """Make what all jobs need.
+
+        The default renders the data set.
+        """
         bench.render()
 
     def jobs(self, bench: Bench, seeds: int | None) -> list[Job]:
-        """The trainings of the table, in the order of its rows."""
+        """Return the trainings of the table, in the order of its rows."""
         raise NotImplementedError
 
     def check_budget(self, bench: Bench, jobs: Sequence[Job]) -> None:
-        """Raise InputError, naming the setting, if the budget has one that none of the trainings uses."""
+        """Raise InputError, naming the setting, if the budget has one that no training uses."""
         settings = TrainConfig.keys()
         used: set[str] = set()
         for job in jobs:
@@ -95,7 +98,7 @@ class Table:
                 raise InputError(f"{key}={value} is not used by any training of {self.name}")
 
     def run_jobs(self, bench: Bench, jobs: Sequence[Job]) -> dict[str, Any]:
-        """Measure every job and record them in their order. Returns the last record.
+        """Measure every job, record them in their order, and return the last record.
 
         The result is written anew after each job that was trained, so a kill loses nothing. What an earlier
         call finished comes first, so that nothing is recorded without it.
@@ -109,19 +112,25 @@ class Table:
         return self.record(bench, [parts[k] for k in sorted(parts)])
 
     def finished(self, job: Job) -> bool:
-        """Whether the training of a job has ended."""
+        """Tell whether the training of a job has ended."""
         return job.bench.finished(job.run, job.seed)
 
     def measure(self, job: Job) -> Part:
-        """Everything that one job adds to the table. Its training is made first if need be."""
+        """Return everything that one job adds to the table.
+
+        The job's training is made first if need be.
+        """
         raise NotImplementedError
 
     def details(self, bench: Bench) -> dict[str, Any]:
-        """What the result holds beside the parts of the jobs. By default nothing."""
+        """Return what the result holds beside the parts of the jobs.
+
+        The default is nothing.
+        """
         return {}
 
     def record(self, bench: Bench, parts: Sequence[Part]) -> dict[str, Any]:
-        """Write the result, the table and its figures from the parts that there are. Returns the result."""
+        """Write the result, the table and its figures from the parts so far, and return the result."""
         joined = {}
         for key in self.lists:
             joined[key] = []
@@ -145,15 +154,18 @@ class Table:
             write_figure(folder / f"{stem}.png", figure)
 
     def markdown(self, recorded: dict[str, Any]) -> str:
-        """The table as Markdown."""
+        """Return the table as Markdown."""
         raise NotImplementedError
 
     def as_csv(self, recorded: dict[str, Any]) -> str | None:
-        """The table as CSV, or None where it has no such file."""
+        """Return the table as CSV, or None where it has no such file."""
         return None
 
     def draw(self, recorded: dict[str, Any]) -> dict[str, plt.Figure]:
-        """The figures by the stems of their files. By default none."""
+        """Return the figures by the stems of their files.
+
+        The default is none.
+        """
         return {}
 
 
@@ -164,10 +176,10 @@ def assemble(
     dataset: dict[str, Any] | None = None,
     **parts: Any,
 ) -> dict[str, Any]:
-    """A result as it is recorded: what was run, on what, for how long, and what was measured.
+    """Return a result as it is recorded: what was run, on what, for how long, and what was measured.
 
     Args:
-        name: of the table.
+        name: the name of the table.
         bench: where it was made.
         runs: the records of its trainings, see `Bench.training_record`.
         dataset: what the data were, see `describe`; the default describes the bench's data.

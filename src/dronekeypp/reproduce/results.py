@@ -1,4 +1,7 @@
-"""What is recorded of a table: data_samples/results/NAME.json, and the arrays that figures are drawn from."""
+"""Read and write what is recorded of a table.
+
+This is data_samples/results/NAME.json, and the arrays that figures are drawn from.
+"""
 
 from __future__ import annotations
 
@@ -28,10 +31,10 @@ PAPER: dict[str, Any] = json.loads((Path(__file__).parent / "paper.json").read_t
 
 
 def read_result(name: str, root: Path | None = None) -> dict[str, Any]:
-    """A recorded result by its name, such as "table3", from `root` or from the repository.
+    """Read a recorded result by its name, such as "table3", from `root` or from the repository.
 
     Raises:
-        InputError: nothing of that name has been recorded, or there is no `root` and no repository.
+        InputError: Nothing of that name has been recorded, or there is no `root` and no repository.
     """
     path = (root or repository_root()) / RESULTS / f"{name}.json"
     if not path.is_file():
@@ -40,7 +43,7 @@ def read_result(name: str, root: Path | None = None) -> dict[str, Any]:
 
 
 def write_result(root: Path, recorded: dict[str, Any]) -> Path:
-    """Write data_samples/results/NAME.json below `root`. Returns its path."""
+    """Write data_samples/results/NAME.json below `root`, and return its path."""
     path = root / RESULTS / f"{recorded['name']}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
     write_json(path, recorded, indent=1)
@@ -50,9 +53,9 @@ def write_result(root: Path, recorded: dict[str, Any]) -> Path:
 def rows_and_averages(
     frames: dict[str, np.ndarray], names: Sequence[str], **labels: Any
 ) -> dict[str, list[dict[str, Any]]]:
-    """`summarise` and `averages` of one method, for JSON: {"rows": …, "averages": …}.
+    """Return `summarise` and `averages` of one method for JSON, as {"rows": …, "averages": …}.
 
-    `names` are the drones in class order; `labels` are put in front of every row (method=, variant=, seed=).
+    `names` are the drones in class order. `labels` are put in front of every row (method=, variant=, seed=).
     """
     return {
         "rows": json_values(summarise(frames, names, **labels)),
@@ -64,7 +67,7 @@ def rows_and_averages(
 
 
 def describe(data: Path) -> dict[str, Any]:
-    """A data set, as a recorded result names it."""
+    """Describe a data set as a recorded result names it."""
     manifest = read_json(data / "manifest.json")
     settings, frames = manifest["settings"], manifest["frames"]
     return {
@@ -78,7 +81,7 @@ def describe(data: Path) -> dict[str, Any]:
 
 
 def hardware(config: TrainConfig) -> str:
-    """The device a training runs on, in words."""
+    """Return the device that a training runs on, in words."""
     device = choose_device(config)
     if device.type == "cuda":
         return torch.cuda.get_device_name(device)
@@ -86,7 +89,10 @@ def hardware(config: TrainConfig) -> str:
 
 
 def source_digest(weights: Path, data: Path) -> str:
-    """What a measurement was made from: these weights, these frames, and this version of `frame_errors`."""
+    """Return a digest of what a measurement was made from.
+
+    It covers these weights, these frames, and this version of `frame_errors`.
+    """
     frames = read_json(data / "manifest.json")["digest"]
     return f"{digest(weights.read_bytes())} on {frames}, measures {FORMAT}"
 
@@ -108,7 +114,10 @@ def write_npz(path: Path, arrays: Mapping[str, np.ndarray], made_from: str | Non
 
 
 def read_npz(path: Path, made_from: str) -> dict[str, np.ndarray] | None:
-    """The arrays of `write_npz`, or None if they are missing, broken, or made from something else."""
+    """Read the arrays of `write_npz`.
+
+    The answer is None if they are missing, broken, or made from something else.
+    """
     try:
         with np.load(path) as stored:
             arrays = dict(stored)

@@ -1,14 +1,13 @@
-"""The trainings behind every table: rendered data, one folder a training, and its errors on every test frame.
+"""Make the trainings behind every table: rendered data, a folder a training, and errors on every test frame.
 
 Each `Run` has a folder of its own under ROOT/runs/, trained by the same loop at the same budget. Its errors
-on every test frame lie beside it as test-*.npz. Everything may be killed at any point: whoever calls again
-goes on where the last call stopped.
+on every test frame lie beside it as test-*.npz. Everything may be killed at any point. The next call goes on
+where the last call stopped.
 """
 
 from __future__ import annotations
 
 import csv
-import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -47,14 +46,14 @@ HARDWARE = "hardware.txt"  # in a run's folder: what it was trained on
 
 @dataclass(frozen=True)
 class Run:
-    """One training: a method, a variant of it, and the settings in which it differs from the preset.
+    """Describe one training: a method, a variant of it, and the settings in which it differs from the preset.
 
     Args:
         method: its name, one of `checkpoint.METHODS`.
         variant: the name of the variant; None is the method as it is.
         changes: settings in which it differs from the preset.
         without: the name of a drone that is left out of training and validation.
-        hypotheses: of a method with PnP, the readings of its two poses; each is a row of its own.
+        hypotheses: for a method with PnP, the readings of its two poses; each is a row of its own.
     """
 
     method: str
@@ -65,19 +64,25 @@ class Run:
 
     @property
     def slug(self) -> str:
-        """The name of its folder."""
+        """Return the name of its folder."""
         text = f"{self.method} {self.variant or ''}".strip().lower().replace("++", "pp")
         return "".join(c if c.isalnum() else "-" for c in text)
 
     @property
     def network(self) -> type[PoseNetwork]:
-        """The class of its network. A detector of another library takes the settings of DroneKey++."""
+        """Return the class of its network.
+
+        A detector of another library takes the settings of DroneKey++.
+        """
         if self.method in checkpoint.METHODS:
             return checkpoint.network_class(self.method)
         return DroneKeyPP
 
     def row_name(self, hypothesis: str | None) -> str | None:
-        """The variant's name in a table. A PnP that takes the upright pose is a variant of its own."""
+        """Return the variant's name in a table.
+
+        A PnP that takes the upright pose is a variant of its own.
+        """
         if hypothesis != "upright":
             return self.variant
         return f"{self.variant}, upright" if self.variant else "upright"
@@ -85,21 +90,21 @@ class Run:
 
 @dataclass
 class Bench:
-    """Where things lie, and at what budget they are made.
+    """A `Bench` says where things lie, and at what budget they are made.
 
     Args:
-        root: runs/ and, unless told otherwise, data/ are made below it. Results go to data_samples/results
-            and tables to figures/ below it.
+        root: the folder below which runs/ and, unless `data` is given, data/ are made. Results go to
+            data_samples/results and tables to figures/ below it.
         preset: the preset that every run starts from.
         budget: changes to the preset, the same for all runs. A run leaves out those that its method does not
             use. The method's own `defaults` and `Run.changes` come on top.
         group: a folder below runs/. Runs of the same name in the same group are the same run.
         data: the data set; missing flights are rendered.
-        stride: keep every stride-th frame when rendering.
+        stride: of the rendering, which keeps every stride-th frame.
         environments: the folder of the backgrounds to render; None takes the drawn ones.
         photographs: a folder of 360° panoramas, for what is measured on them.
         real: a folder of real drone frames, for what is measured on them.
-        workers: processes that render.
+        workers: the number of processes that render.
         progress: whether to print what is being done.
     """
 
@@ -121,7 +126,7 @@ class Bench:
         """Complete the data set, if it is not complete.
 
         Raises:
-            InputError: it was rendered with another stride or before other environments.
+            InputError: It was rendered with another stride or with other environments.
         """
         manifest = {}
         if (self.data / "manifest.json").is_file():
@@ -153,18 +158,18 @@ class Bench:
 
     @property
     def drones(self) -> tuple[DroneClass, ...]:
-        """The drones of the data set, in class order."""
+        """Return the drones of the data set, in class order."""
         return tuple(bop.read_models(self.data).values())
 
     @property
     def names(self) -> list[str]:
-        """Their names, in class order."""
+        """Return the names of the drones, in class order."""
         return names_of(self.drones)
 
     def split(self, name: str, run: Run, seed: int, data: Path | None = None) -> FrameDataset:
-        """A split as a run sees it: "train" with the run's augmentation, "train" and "val" without the drone
-        that it leaves out.
+        """Return a split as a run sees it.
 
+        "train" has the run's augmentation. "train" and "val" come without the drone that the run leaves out.
         `data` names another data set than the bench's.
         """
         model, training = self.settings(run, seed)
@@ -183,7 +188,7 @@ class Bench:
         )
 
     def count(self, name: str, run: Run) -> int:
-        """The number of frames of a split that a run sees, from the data set's plan alone."""
+        """Return the number of frames of a split that a run sees, from the data set's plan alone."""
         left_out = self.names.index(run.without) if run.without else None
         count = 0
         for flight, frames in read_json(self.data / "manifest.json")["planned"].items():
@@ -195,7 +200,10 @@ class Bench:
     # --- training -----------------------------------------------------------------------------------------
 
     def settings(self, run: Run, seed: int) -> tuple[Settings, TrainConfig]:
-        """The settings of a run's network and of its training. The classes are the data set's drones."""
+        """Return the settings of a run's network and of its training.
+
+        The classes are the data set's drones.
+        """
         changes = {**self.used_budget(run), **run.changes, "seed": seed}
         model, training = presets.preset(self.preset, changes, run.network)
         if "classes" in type(model).keys() and "classes" not in changes:
@@ -203,30 +211,31 @@ class Bench:
         return model, training
 
     def used_budget(self, run: Run) -> dict[str, Any]:
-        """The part of the budget that a run uses. The methods of one table do not all have the same settings.
+        """Return the part of the budget that a run uses.
 
-        What the run or its method sets itself is left out as well.
+        The methods of one table do not all have the same settings. What the run or its method sets itself is
+        left out as well.
         """
         kind = run.network.Config
         own = {**run.network.defaults, **run.changes}
         values = {**presets.PRESETS[self.preset].model, **self.budget, **own}
-        settings, unused = kind.known_keys(values), kind.unused(values)
+        known = (*kind.known_keys(values), *TrainConfig.keys())
+        unused = run.network.unused_settings(values)
         used = {}
         for key, value in self.budget.items():
-            in_model = key in settings and key not in unused
-            if key not in own and (in_model or key in TrainConfig.keys()):
+            if key in known and key not in unused and key not in own:
                 used[key] = value
         return used
 
     def folder(self, run: Run, seed: int) -> Path:
-        """The folder of a run."""
+        """Return the folder of a run."""
         return self.root / "runs" / self.group / run.slug / f"seed{seed}"
 
     def finished(self, run: Run, seed: int) -> bool:
-        """Whether a run was trained to its end, with these settings on these data.
+        """Tell whether a run was trained to its end, with these settings on these data.
 
         Raises:
-            InputError: it was begun with others.
+            InputError: It was begun with others.
         """
         folder = self.folder(run, seed)
         if not (folder / METRICS).is_file():
@@ -244,7 +253,7 @@ class Bench:
         return len(read_history(folder)) >= training.epochs
 
     def train(self, run: Run, seed: int) -> Path:
-        """Train a run as far as it was not trained yet. Returns the folder of its best checkpoint."""
+        """Train what is left of a run, and return the folder of its best checkpoint."""
         folder = self.folder(run, seed)
         model, training = self.settings(run, seed)
         if not self.finished(run, seed):
@@ -264,12 +273,15 @@ class Bench:
         return folder / BEST
 
     def network(self, run: Run, seed: int) -> PoseNetwork:
-        """The best network of a run, on its device. It is trained first if need be."""
+        """Return the best network of a run, on its device.
+
+        The run is trained first if need be.
+        """
         network = run.network.from_pretrained(self.train(run, seed))
         return network.to(choose_device(self.settings(run, seed)[1]))
 
     def training_record(self, run: Run, seed: int) -> dict[str, Any]:
-        """How a finished run went: its epochs, minutes, best epoch, number of parameters, and where."""
+        """Return a finished run's epochs, minutes, best epoch, parameter count and device."""
         folder = self.folder(run, seed)
         history = read_history(folder)
         scores = [float(row["score"]) for row in history]
@@ -293,10 +305,10 @@ class Bench:
     def measure(
         self, run: Run, seed: int, name: str = "test", data: Path | None = None, split: str = "test"
     ) -> dict[str | None, Frames]:
-        """Errors of every frame of a split by variant: {variant: frames of `evaluate`}. It trains first.
+        """Measure the errors of every frame of a split by variant: {variant: frames of `evaluate`}.
 
-        They are stored in the run's folder as NAME.npz, and made again if the network or the data have
-        changed since.
+        The run is trained first if need be. The errors are stored in its folder as NAME.npz, and made again
+        if the network or the data have changed since.
         """
         best, folder = self.train(run, seed), self.folder(run, seed)
         made_from = source_digest(best / WEIGHTS, data or self.data)
@@ -315,8 +327,8 @@ class Bench:
         return frames_of
 
     def _bar(self, title: str) -> Callable[[Iterable], Iterable]:
-        shown = self.progress and sys.stderr.isatty()
-        return lambda batches: tqdm(batches, title, leave=False, disable=not shown)
+        disable = None if self.progress else True  # None shows the bar in a terminal only
+        return lambda batches: tqdm(batches, title, leave=False, disable=disable)
 
     def say(self, line: str) -> None:
         """Print a line, if progress is wanted."""
@@ -325,6 +337,6 @@ class Bench:
 
 
 def read_history(folder: Path) -> list[dict[str, str]]:
-    """The rows of a run's metrics.csv."""
+    """Read the rows of a run's metrics.csv."""
     with open(folder / METRICS, newline="") as file:
         return list(csv.DictReader(file))

@@ -1,6 +1,6 @@
-"""Table 3: DroneKey++ beside three baselines on test scenes 6 and 7, seven drones each.
+"""Measure Table 3: DroneKey++ beside three baselines on test scenes 6 and 7, with seven drones each.
 
-All see the same crops at the same budget. One loop trains them all but YOLO, which has its own.
+All methods see the same crops at the same budget. One loop trains them all but YOLO, which has its own.
 """
 
 from __future__ import annotations
@@ -59,9 +59,10 @@ STORED = (
 
 
 class Table3(Table):
-    """The table, with one seed unless told otherwise.
+    """Measure Table 3.
 
-    YOLOv8n-pose is measured where the optional extra is installed, or where it was trained before.
+    Each method has one seed unless another number is given. YOLOv8n-pose is measured where the optional extra
+    is installed, or where it was trained before.
     """
 
     name = "table3"
@@ -89,7 +90,7 @@ class Table3(Table):
         return super().finished(job)
 
     def measure(self, job: Job) -> Part:
-        """One run: {"run", "rows", "averages", "confusion", "arrays"}."""
+        """Measure one run and return {"run", "rows", "averages", "confusion", "arrays"}."""
         bench, run, seed = job.bench, job.run, job.seed
         if run.method == yolo.METHOD:
             frames_of, record = measure_yolo(bench, run, seed)
@@ -111,7 +112,7 @@ class Table3(Table):
         return part
 
     def record(self, bench: Bench, parts: Sequence[Part]) -> dict[str, Any]:
-        """The stored frames are written as well, as table3_frames.npz beside the result."""
+        """Write the result, and the stored frames as table3_frames.npz beside it."""
         recorded = super().record(bench, parts)
         arrays: dict[str, np.ndarray] = {}
         for part in parts:
@@ -130,15 +131,15 @@ class Table3(Table):
 
 
 def reproduce(bench: Bench, seeds: int = 1) -> dict[str, Any]:
-    """Render, train and measure whatever of Table 3 is missing. Returns the recorded result."""
+    """Render, train and measure whatever of Table 3 is missing, and return the recorded result."""
     return Table3().reproduce(bench, seeds)
 
 
 def confusion(frames: Frames, names: Sequence[str], labels: dict[str, Any]) -> list[dict[str, Any]]:
-    """The confusion matrix of a method, as a list of one; [] of a method that names no drone.
+    """Return the confusion matrix of a method as a list of one, or [] if the method names no drone.
 
     Args:
-        frames: of `evaluate`.
+        frames: the frames of `evaluate`.
         names: the drones in class order.
         labels: method, variant and seed.
     """
@@ -157,9 +158,9 @@ def confusion(frames: Frames, names: Sequence[str], labels: dict[str, Any]) -> l
 
 
 def paper_cells(method: str, key: str, names: Sequence[str] = ()) -> list[float] | None:
-    """The paper's columns of the drones `names`, NaN where it has none, and then its printed average.
+    """Return the paper's columns of the drones `names`, and then its printed average.
 
-    None of a method that the paper does not have.
+    A column that the paper does not have is NaN. A method that the paper does not have gives None.
     """
     printed = PAPER["table3"].get(method, {}).get(key)
     if printed is None:
@@ -171,7 +172,10 @@ def paper_cells(method: str, key: str, names: Sequence[str] = ()) -> list[float]
 
 
 def paper_row(name: Name, key: str | None, names: Sequence[str] = ()) -> list[float] | None:
-    """`paper_cells` of a row of ours. None where the paper has no such row, or no such measure."""
+    """Return `paper_cells` for a row of ours.
+
+    The answer is None where the paper has no such row, or no such measure.
+    """
     method, variant = name
     if variant is not None or key is None:
         return None
@@ -179,7 +183,7 @@ def paper_row(name: Name, key: str | None, names: Sequence[str] = ()) -> list[fl
 
 
 def draw(recorded: dict[str, Any]) -> plt.Figure:
-    """One panel a metric: our average with its interval, and the paper's."""
+    """Draw one panel for each metric, with our average and its interval, and the paper's value."""
     printed_key = {ours: theirs for _, ours, theirs, _ in PRINTED}
     names = methods(recorded)
 
@@ -191,8 +195,9 @@ def draw(recorded: dict[str, Any]) -> plt.Figure:
 
 
 def markdown(recorded: dict[str, Any]) -> str:
-    """The paper's layout: methods by metrics, 14 columns and the average, the paper's value above ours; then
-    what the paper does not print.
+    """Return the table in the paper's layout, and then what the paper does not print.
+
+    The layout is methods by metrics, with 14 columns and the average, and the paper's value above ours.
     """
     minutes: dict[str, float] = {}
     for run in recorded["runs"]:
@@ -246,9 +251,10 @@ def markdown(recorded: dict[str, Any]) -> str:
 
 
 def as_csv(recorded: dict[str, Any]) -> str:
-    """Long format: method, variant, metric, source (paper | ours), scene, drone, value.
+    """Return the table as CSV in long format.
 
-    The scene of the last column is "average".
+    Its columns are method, variant, metric, source (paper | ours), scene, drone and value. The scene of the
+    last column is "average".
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

@@ -1,4 +1,4 @@
-"""What Table 3 does by itself: YOLOv8n-pose, which has its own loop, and what is kept of DroneKey++."""
+"""Do what only Table 3 does: measure YOLOv8n-pose, which has its own loop, and store files of DroneKey++."""
 
 from __future__ import annotations
 
@@ -29,7 +29,10 @@ FLIGHT_ARRAYS = ("subsequence", "frame", "label", "predicted", "t", "layer_sprea
 
 
 def yolo_epochs(bench: Bench, run: Run, seed: int) -> int:
-    """As many epochs of all training frames as show the detector what the budget shows the others."""
+    """Return how many epochs over all training frames YOLO gets.
+
+    They show it as many frames as the budget shows the other methods.
+    """
     _, training = bench.settings(run, seed)
     frames = describe(bench.data)["train_frames"]
     shown = min(training.frames or frames, frames)
@@ -37,12 +40,12 @@ def yolo_epochs(bench: Bench, run: Run, seed: int) -> int:
 
 
 def yolo_finished(bench: Bench, run: Run, seed: int) -> bool:
-    """Whether YOLO was trained to its end."""
+    """Tell whether YOLO was trained to its end."""
     return yolo.epochs_done(bench.folder(run, seed)) >= yolo_epochs(bench, run, seed)
 
 
 def measure_yolo(bench: Bench, run: Run, seed: int) -> tuple[dict[str | None, Frames], dict[str, Any]]:
-    """`Bench.measure` and `Bench.training_record` for YOLOv8n-pose, which trains itself.
+    """Do the work of `Bench.measure` and `Bench.training_record` for YOLOv8n-pose, which trains itself.
 
     Its PnP gets the class of the true drone, as DroneKey's does.
     """
@@ -91,7 +94,10 @@ def measure_yolo(bench: Bench, run: Run, seed: int) -> tuple[dict[str | None, Fr
 
 
 def detector_errors(answer: dict[str, torch.Tensor], dataset: FrameDataset, pnp: PnPPose) -> Frames:
-    """Errors of every frame of a data set: a detector's `answer` (see `yolo.detect`), then PnP."""
+    """Return the errors of every frame of a data set, from a detector's answer followed by PnP.
+
+    For the `answer`, see `yolo.detect`.
+    """
     truth = read_annotations(dataset)
     pixels = from_crop(answer["keypoints"], truth["square"])
     pixels[~answer["detected"]] = torch.nan  # to which PnP answers with its constant
@@ -113,9 +119,10 @@ def keep_checkpoint(bench: Bench, run: Run, seed: int) -> None:
 def keep_flights(bench: Bench, run: Run, seed: int) -> None:
     """Write what that network says of every validation and test flight, and the truth, for smoothing.
 
-    data_samples/results/flights.npz holds SPLIT/NAME: subsequence, frame, label, predicted (F,) · rotvec, t
-    and true_rotvec, true_t (F, 3) · and of the keypoints, all (F,) in crop units, their error keypoint_units
-    and two signs of doubt: layer_spread, see `encoder.layer_spread`, and mirror, see `predict.mirror_doubt`.
+    data_samples/results/flights.npz holds SPLIT/NAME. The names subsequence, frame, label and predicted have
+    shape (F,). The names rotvec, t, true_rotvec and true_t have shape (F, 3). Three more are about the
+    keypoints, each (F,) in crop units: their error keypoint_units, and two signs of doubt, layer_spread (see
+    `encoder.layer_spread`) and mirror (see `predict.mirror_doubt`).
     """
     path = bench.root / RESULTS / "flights.npz"
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -140,7 +147,7 @@ def keep_flights(bench: Bench, run: Run, seed: int) -> None:
 
 @torch.inference_mode()
 def mirror_doubts(network: PoseNetwork, dataset: FrameDataset) -> np.ndarray:
-    """How far each frame's keypoints move when its crop is mirrored (F,), crop units."""
+    """Measure how far each frame's keypoints move when its crop is mirrored (F,), in crop units."""
     device = next(network.parameters()).device
     doubts = []
     for items in batches_of(dataset, BATCH):
@@ -152,7 +159,10 @@ def mirror_doubts(network: PoseNetwork, dataset: FrameDataset) -> np.ndarray:
 
 
 def shrink(values: np.ndarray) -> np.ndarray:
-    """The same values in fewer bytes: three digits and small integers are enough for a figure."""
+    """Return the same values in fewer bytes.
+
+    Three digits and small integers are enough for a figure.
+    """
     if values.dtype.kind == "f":
         return values.astype(np.float16)
     if values.dtype.kind == "i":

@@ -1,4 +1,4 @@
-"""What the tables share: rows averaged over seeds and sequences, cells as text, and one panel a metric."""
+"""Provide what the tables share: rows averaged over seeds and sequences, text cells and panels."""
 
 from __future__ import annotations
 
@@ -32,36 +32,42 @@ Name = tuple[str, str | None]  # of a row: its method, and its variant or None
 
 
 def title(method: str, variant: str | None) -> str:
-    """The name of a row, as people read it."""
+    """Return the name of a row, as people read it."""
     return f"{method} ({variant})" if variant else method
 
 
 def methods(recorded: dict[str, Any]) -> list[Name]:
-    """(method, variant) of every row of a recorded result, in its order."""
+    """Return (method, variant) of every row of a recorded result, in its order."""
     return list(dict.fromkeys((row["method"], row["variant"]) for row in recorded["rows"]))
 
 
 def drones(recorded: dict[str, Any]) -> list[str]:
-    """The drones of a recorded result, in class order.
+    """Return the drones of a recorded result, in class order.
 
-    Whoever has drones of his own still reads the tables of seven.
+    A data set with other drones does not change how the recorded tables of seven are read.
     """
     return list(dict.fromkeys(row["drone"] for row in recorded["rows"]))
 
 
 def columns(recorded: dict[str, Any]) -> list[tuple[int, str]]:
-    """(scene, drone) of our columns: scene 6, then scene 7, the drones in class order."""
+    """Return (scene, drone) of our columns: scene 6, then scene 7, with the drones in class order."""
     return list(itertools.product(TEST_SCENES, drones(recorded)))
 
 
 def over_seeds(rows: Sequence[dict[str, Any]], key: str) -> float:
-    """Mean of a measure over the rows given (the seeds of one cell); NaN where it was not measured."""
+    """Return the mean of a measure over the rows given (the seeds of one cell).
+
+    It is NaN where it was not measured.
+    """
     values = [row[key] for row in rows if row.get(key) is not None]
     return float(np.mean(values)) if values else float("nan")
 
 
 def cells(recorded: dict[str, Any], method: str, variant: str | None, key: str) -> list[float]:
-    """A measure of one row in each of `columns`, and their mean; NaN where there is no such frame."""
+    """Return a measure of one row in each of `columns`, and their mean.
+
+    A value is NaN where there is no such frame.
+    """
     by_column: dict[tuple[int, str], list[dict[str, Any]]] = {}
     for row in recorded["rows"]:
         if (row["method"], row["variant"]) == (method, variant):
@@ -72,7 +78,7 @@ def cells(recorded: dict[str, Any], method: str, variant: str | None, key: str) 
 
 
 def by_seed(recorded: dict[str, Any], method: str, variant: str | None, key: str) -> list[float]:
-    """The mean over the columns of every seed by itself, in the seeds' order.
+    """Return the mean over the columns of every seed by itself, in the seeds' order.
 
     Seeds that did not measure it are left out.
     """
@@ -88,9 +94,9 @@ def by_seed(recorded: dict[str, Any], method: str, variant: str | None, key: str
 
 
 def average(recorded: dict[str, Any], method: str, variant: str | None) -> dict[str, Any]:
-    """Every measure of a row averaged over the seeds and the columns; None where it was not predicted.
+    """Return every measure of a row, averaged over the seeds and the columns.
 
-    KEY_ci95 is its 95 % interval over the columns.
+    A measure is None where it was not predicted. KEY_ci95 is its 95 % interval over the columns.
     """
     result: dict[str, Any] = {}
     for key in MEASURES:
@@ -105,17 +111,17 @@ def average(recorded: dict[str, Any], method: str, variant: str | None) -> dict[
 
 
 def number(value: float | None, digits: int) -> str:
-    """A number with so many digits, or a dash where there is none."""
+    """Write a number with so many digits, or a dash where there is none."""
     return "–" if value is None or np.isnan(value) else f"{value:.{digits}f}"
 
 
 def percent(value: float | None) -> str:
-    """A share in per cent, or a dash where there is none."""
+    """Write a share in per cent, or a dash where there is none."""
     return "–" if value is None or np.isnan(value) else f"{100 * value:.1f} %"
 
 
 def interval(row: dict[str, Any], key: str, digits: int) -> str:
-    """ "12.34 [10.00, 15.00]", or without the brackets where there is no interval."""
+    """Write a value as "12.34 [10.00, 15.00]", or without the brackets where it has no interval."""
     text = number(row[key], digits)
     limits = row.get(f"{key}_ci95")
     if not limits:
@@ -125,12 +131,12 @@ def interval(row: dict[str, Any], key: str, digits: int) -> str:
 
 
 def line(cells: Sequence[str]) -> str:
-    """One line of a Markdown table."""
+    """Return one line of a Markdown table."""
     return "| " + " | ".join(cells) + " |"
 
 
 def count_seeds(recorded: dict[str, Any]) -> str:
-    """ "3 seeds", or "1 to 3 seeds" where the rows differ."""
+    """Write the number of seeds as "3 seeds", or as "1 to 3 seeds" where the rows differ."""
     seeds_of: dict[Name, set[int]] = {}
     for run in recorded["runs"]:
         seeds_of.setdefault((run["method"], run["variant"]), set()).add(run["seed"])
@@ -141,7 +147,7 @@ def count_seeds(recorded: dict[str, Any]) -> str:
 
 
 def heading(recorded: dict[str, Any]) -> str:
-    """What a recorded table was made with, in a sentence or two."""
+    """Say in a sentence or two what a recorded table was made with."""
     data = recorded["dataset"]
     budget = ", ".join(f"{key}={value}" for key, value in recorded["budget"].items())
     return (
@@ -160,14 +166,15 @@ def panels(
     labels: Sequence[str],
     paper: Callable[[Name, str], float | None],
 ) -> plt.Figure:
-    """One panel a metric, one line a row: our mean with its 95 % interval over the sequences, every seed, and
-    the paper's value.
+    """Draw one panel for each metric, with one line for each row.
+
+    A line shows our mean with its 95 % interval over the sequences, every seed, and the paper's value.
 
     Args:
         recorded: the result.
         names: the rows that are shown, from top to bottom.
         labels: how they are called.
-        paper: `paper(name, key)` is the printed value of a row in one of our keys, or None.
+        paper: a function; `paper(name, key)` is the printed value of a row in one of our keys, or None.
     """
     plots.style()
     figure, axes = plt.subplots(1, len(PRINTED), figsize=(12, 1.2 + 0.34 * len(names)), sharey=True)
@@ -195,7 +202,7 @@ def _panel_line(
     seeds: Sequence[float],
     printed: float | None,
 ) -> None:
-    """One row of a panel at height `y`."""
+    """Draw one row of a panel at height `y`."""
     if row[key] is not None:
         limits = row.get(f"{key}_ci95") or (row[key], row[key])
         ax.plot(limits, [y, y], color="#0072B2", linewidth=1.5)
@@ -209,7 +216,7 @@ def _panel_line(
 
 
 def write_figure(path: Path, figure: plt.Figure) -> None:
-    """Write the figure as PNG beside `path` and rename it; the figure is closed."""
+    """Write the figure as PNG beside `path`, rename it, and close the figure."""
     content = io.BytesIO()
     figure.savefig(content, format="png", dpi=110)
     plt.close(figure)

@@ -1,4 +1,4 @@
-"""6DroneSyn (paper Sec. IV), regenerated: its drones, scenes, renderer and format on disk.
+"""This package regenerates 6DroneSyn (paper Sec. IV): its drones, scenes, renderer and format on disk.
 
 `dronekeypp.data` opens what `generate` writes as a torch data set.
 """

@@ -1,7 +1,8 @@
-"""What each of the seven drones is made of: hull, arms, motors, legs, eyes, gimbal camera and lights.
+"""This module says what each of the seven drones is made of.
 
-Lengths are millimetres in the body frame. Sizes come from `drones.py`, and the arms have their true sweep and
-height. What is not a published figure there is modelled on how the drone looks and is an estimate.
+The parts are the hull, arms, motors, legs, eyes, gimbal camera and lights. Lengths are millimetres in the
+body frame. Sizes come from `drones.py`, and the arms have their true sweep and height. What is not a
+published figure there is modelled on how the drone looks and is an estimate.
 
 Each `_name(drone, front, rear)` returns the parts on the middle plane and the parts to its left; `parts`
 mirrors the left ones. `front` and `rear` are the left hubs. The columns of each table `stations` are those
@@ -34,7 +35,7 @@ Sides = tuple[list[Part], list[Part]]
 
 
 def _mini3(drone: Drone, front: np.ndarray, rear: np.ndarray) -> Sides:
-    """A smooth rounded hull and a camera as tall as the nose.
+    """Build Mini3, which has a smooth rounded hull and a camera as tall as the nose.
 
     Eyes sit at the corners of the brow and on the tail. The front arms hang low.
     """
@@ -75,10 +76,10 @@ def _mini3(drone: Drone, front: np.ndarray, rear: np.ndarray) -> Sides:
 
 
 def _mini2(drone: Drone, front: np.ndarray, rear: np.ndarray) -> Sides:
-    """A light hull with flat sides, and a small ball of a camera.
+    """Build Mini2, which has a light hull with flat sides and a small ball of a camera.
 
-    It has no eyes in front but two intakes in the brow. The front arms sit high and stand on thin legs, the
-    rear arms sit low.
+    It has no eyes in front but two intakes in the brow. The front arms sit high and stand on thin legs, and
+    the rear arms sit low.
     """
     grey, dark = drone.hull_rgb, drone.trim_rgb
     stations = [
@@ -116,7 +117,7 @@ def _mini2(drone: Drone, front: np.ndarray, rear: np.ndarray) -> Sides:
 
 
 def _air3(drone: Drone, front: np.ndarray, rear: np.ndarray) -> Sides:
-    """Mid grey, with wide front arms on long legs.
+    """Build Air3, which is mid grey, with wide front arms on long legs.
 
     Big eyes sit on the front and rear corners. The camera has two equal lenses, one above the other.
     """
@@ -162,7 +163,7 @@ def _air3(drone: Drone, front: np.ndarray, rear: np.ndarray) -> Sides:
 
 
 def _air2(drone: Drone, front: np.ndarray, rear: np.ndarray) -> Sides:
-    """Dark grey, with a flat battery on top and its round button.
+    """Build Air2, which is dark grey, with a flat battery and its round button on top.
 
     Two eyes sit in a dark band across the brow, and one camera hangs below it.
     """
@@ -208,7 +209,7 @@ def _air2(drone: Drone, front: np.ndarray, rear: np.ndarray) -> Sides:
 
 
 def _mav2(drone: Drone, front: np.ndarray, rear: np.ndarray) -> Sides:
-    """A long dark body with the battery let into its back.
+    """Build Mav2, which has a long dark body with the battery let into its back.
 
     Eyes sit on the narrow nose and one on each flank. The square Hasselblad camera hangs in front.
     """
@@ -264,7 +265,7 @@ def _mav2(drone: Drone, front: np.ndarray, rear: np.ndarray) -> Sides:
 
 
 def _mav3(drone: Drone, front: np.ndarray, rear: np.ndarray) -> Sides:
-    """The largest: grey, and the whole tail is the battery.
+    """Build Mav3, which is the largest and grey, and whose whole tail is the battery.
 
     Eyes sit on all corners. The tall camera has a small lens above a large one.
     """
@@ -311,7 +312,7 @@ def _mav3(drone: Drone, front: np.ndarray, rear: np.ndarray) -> Sides:
 
 
 def _tello(drone: Drone, front: np.ndarray, rear: np.ndarray) -> Sides:
-    """A white lid on a black frame.
+    """Build Tello, which has a white lid on a black frame.
 
     Four thin fixed arms carry motors as slim as pencils. The camera is a dark dot in the nose.
     """
@@ -367,7 +368,7 @@ _BUILDERS = {
 
 
 def parts(name: str) -> list[Part]:
-    """All opaque parts of one of the seven drones, left and right."""
+    """Return all opaque parts of one of the seven drones, left and right."""
     drone = DRONES[name]
     front, rear = drone.hubs[0] * 1000.0, drone.hubs[3] * 1000.0
     middle, left = _BUILDERS[name](drone, front, rear)

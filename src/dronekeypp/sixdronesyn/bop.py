@@ -30,7 +30,7 @@ import numpy as np
 
 from dronekeypp import files
 from dronekeypp.camera import check_intrinsics, project
-from dronekeypp.classes import DroneClass
+from dronekeypp.classes import DroneClass, check_hubs
 from dronekeypp.errors import InputError
 from dronekeypp.rotations import check_rotation
 from dronekeypp.sixdronesyn.instances import Instances, one_value
@@ -230,11 +230,10 @@ def _placed_hubs(
 
 def read_json(path: str | Path) -> Any:
     """Read a JSON file of a data set. Raises InputError naming the file if it is missing or not JSON."""
-    return files.read_json(
-        path,
-        "missing; is this a data set made by `python -m dronekeypp generate`, and did it finish?",
-        "generate it again",
-    )
+    missing = "missing; is this a data set, and did `python -m dronekeypp generate` finish it?"
+    if Path(path).name in SCENE_FILES:
+        missing = f"missing; a flight has {', '.join(SCENE_FILES)}"
+    return files.read_json(path, missing, "mend it, or generate it again")
 
 
 def write_flight(folder: Path, frames: Mapping[int, tuple[dict, dict, dict]], flight: dict) -> None:
@@ -259,10 +258,16 @@ def read_flight(
     folder: str | Path,
     models: Mapping[int, DroneClass] | None = None,
     size: tuple[int, int] | None = None,
+    strict: bool = True,
 ) -> tuple[list[Frame], dict[str, Any]]:
-    """All frames of one flight folder, in order, and its flight.json ({} where there is none).
+    """Read all frames of one flight folder, in order, and its flight.json ({} where there is none).
 
-    A drone that BOP marks as not in the picture is left out. The arguments are those of `frames_from`.
+    A drone that BOP marks as not in the picture is left out.
+
+    Args:
+        folder: of the flight.
+        models, size: as in `frames_from`.
+        strict: whether every frame must hold a drone. Elsewhere a frame without one is left out.
 
     Raises:
         InputError: naming the file and the frame, see `frames_from`.
@@ -270,6 +275,8 @@ def read_flight(
     folder = Path(folder)
     rows = []
     for number, (camera, truths, infos) in read_entries(folder).items():
+        if not strict and not truths and not infos:
+            continue
         for name, part in zip(SCENE_FILES, (camera, truths, infos), strict=True):
             if not part:
                 raise InputError(f"{folder / name} frame {number}: no annotation")
@@ -310,7 +317,7 @@ def read_entries(folder: Path) -> dict[int, tuple[dict | None, list[dict], list[
 def _read_table(path: Path, kind: str) -> dict[int, Any]:
     """What a JSON file says of each frame or each object (`kind`, in the plural), by its number."""
     table = read_json(path)
-    if not isinstance(table, dict) or not all(key.isdecimal() for key in table):
+    if not isinstance(table, dict) or not all(key.isdecimal() and len(key) < 19 for key in table):
         raise InputError(f"{path}: not a table of {kind}")
     return {int(key): entry for key, entry in table.items()}
 
@@ -336,7 +343,8 @@ def read_models(root: str | Path) -> dict[int, DroneClass]:
     """The drones of a data set by their object number, from models/models_info.json; {} where there is none.
 
     Raises:
-        InputError: the file is not a table of objects, or the keypoints of one are not four points.
+        InputError: the file is not a table of objects, two of them have one name, or the keypoints of one are
+            not the four hubs of a drone in millimetres.
     """
     path = Path(root) / "models" / "models_info.json"
     if not path.is_file():
@@ -347,10 +355,12 @@ def read_models(root: str | Path) -> dict[int, DroneClass]:
             entry = {}
         hubs = None
         if entry.get("keypoints") is not None:
+            where = f"{path} object {number}: keypoints"
             hubs = one_value(entry, "keypoints", 12, f"{path} object {number}").reshape(4, 3) / MM
-        name = str(entry.get("name", f"object {number}"))
-        models[number] = DroneClass(name, hubs, str(entry.get("label", name)))
-    names = [drone.name for drone in models.values()]
-    if len(set(names)) < len(names):
-        raise InputError(f"{path}: two objects have the same name")
+            check_hubs(hubs, where)
+        name = str(entry.get("name") or f"object {number}")
+        for other, drone in models.items():
+            if drone.name == name:
+                raise InputError(f"{path}: objects {other} and {number} are both called {name}")
+        models[number] = DroneClass(name, hubs, str(entry.get("label") or name))
     return models

@@ -1,4 +1,7 @@
-"""A COCO-keypoints file beside each split of 6DroneSyn, in pixels of the stored images."""
+"""This module makes a COCO-keypoints file for each split of 6DroneSyn, in pixels of the stored images.
+
+The file lies beside its split.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ SKELETON = [[1, 2], [2, 3], [3, 4], [4, 1]]
 
 
 def coco(root: str | Path, split: str, size: int | None = None) -> dict[str, list]:
-    """The COCO-keypoints dictionary of one split.
+    """Return the COCO-keypoints dictionary of one split.
 
     `size` is the side of stored crops, None for whole frames.
     """

@@ -1,7 +1,7 @@
-"""All seven drones on one page: `python -m dronekeypp.sixdronesyn.contact_sheet [OUT.png]`.
+"""This module draws all seven drones on one page.
 
-The default is figures/drones.png. Every view of a row has the same scale, which a bar gives. The camera is
-orthographic.
+The command is `python -m dronekeypp.sixdronesyn.contact_sheet [OUT.png]`, and OUT.png is figures/drones.png
+by default. Every view of a row has the same scale, which a bar gives. The camera is orthographic.
 """
 
 import sys
@@ -35,7 +35,7 @@ def render(
     blur: float = 2.2,
     samples: int = 2,
 ) -> np.ndarray:
-    """One orthographic view, (height, width, 3) uint8.
+    """Return one orthographic view, (height, width, 3) uint8.
 
     Args:
         name: the drone, a key of `DRONES`.
@@ -81,7 +81,10 @@ def render(
 
 
 def contact_sheet(path: str | Path, cell: tuple[int, int] = (360, 262)) -> None:
-    """Draw seven rows of five views and save them as PNG. `cell` is (width, height) of a view in pixels."""
+    """Draw seven rows of five views and save them as PNG.
+
+    `cell` is (width, height) of a view in pixels.
+    """
     cell_width, cell_height = cell
     head, foot = 34, 30
     width, height = cell_width * len(VIEWS), head + cell_height * len(DRONES) + foot

@@ -1,11 +1,11 @@
-"""The seven drones in numbers (Sec. IV): sizes, weights, colours and the four propeller hubs.
+"""This module describes the seven drones in numbers (Sec. IV).
 
-Metres, body frame: x forward, y left, z up. The origin is the drone's centre: half its height above the
-ground it stands on, and midway between the front and the rear hubs. Only Mini 2 differs: its origin is that
-of its maker's model, 1.6 mm behind the middle. Hubs come in keypoint order: front-left, front-right,
-rear-right, rear-left.
+The numbers are sizes, weights, colours and the four propeller hubs. Lengths are metres in the body frame: x
+points forward, y left, z up. The origin is the drone's centre: half its height above the ground it stands
+on, and midway between the front and the rear hubs. Only Mini 2 differs: its origin is that of its maker's
+model, 1.6 mm behind the middle. Hubs come in keypoint order: front-left, front-right, rear-right, rear-left.
 
-How the hubs were chosen. The wheelbase (front-left to rear-right) and the propellers come first: two
+The hubs were chosen as follows. The wheelbase (front-left to rear-right) and the propellers come first: two
 propellers must not meet, so their hubs stand at least one diameter apart, and a disc that reaches over the
 hull lies above it. The sideways positions follow the unfolded width. The fore-aft distance then follows from
 the wheelbase. Only Mini 2's hubs are measured. For the others the heights, and how much narrower the rear is
@@ -25,11 +25,11 @@ KEYPOINT_NAMES = ("front-left", "front-right", "rear-right", "rear-left")
 
 @dataclass(frozen=True, eq=False)
 class Drone:
-    """One drone type.
+    """A drone has a name, sizes, a mass, colours and four propeller hubs.
 
     Attributes:
         name: its key in `DRONES`.
-        label: shown to people.
+        label: the name that is shown to people.
         index: its place in `DRONES`.
         body_mm: the published length, width and height in millimetres, unfolded, without propellers.
         wheelbase: metres from the front-left to the rear-right hub.
@@ -40,9 +40,9 @@ class Drone:
         estimated: the fields that are not published figures.
         box_between_axes: the published length and width reach from motor axis to motor axis, not to the outer
             edge (see Air2).
-        mesh: the mesh file of a drone of your own (see own.py); None of the seven.
+        mesh: the mesh file of a drone of your own (see own.py); None for the seven.
         mesh_scale: metres per unit of that mesh.
-        digest: what tells that mesh and its numbers from others; None of the seven.
+        digest: what tells that mesh and its numbers from others; None for the seven.
     """
 
     name: str
@@ -66,19 +66,22 @@ class Drone:
 
     @property
     def seed(self) -> int:
-        """What its random draws follow from: for one of the seven its index, for your own its name alone."""
+        """Return the number that the drone's random draws follow from.
+
+        It is the index of one of the seven. For a drone of your own it follows from its name alone.
+        """
         if self.mesh is None:
             return self.index
         return int.from_bytes(hashlib.sha256(self.name.encode()).digest()[:4], "big")
 
     @property
     def propeller_radius(self) -> float:
-        """Metres."""
+        """Return the radius of a propeller in metres."""
         return self.propeller_diameter / 2
 
 
 def _hubs(front: tuple[float, float], rear: tuple[float, float], x: tuple[float, float]) -> np.ndarray:
-    """Four hubs (4, 3) in metres, read-only and left–right symmetric, from millimetres.
+    """Return four hubs (4, 3) in metres, read-only and left–right symmetric, from millimetres.
 
     `front` and `rear` are (sideways, up), `x` the forward positions of front and rear.
     """
@@ -97,9 +100,10 @@ def _hubs(front: tuple[float, float], rear: tuple[float, float], x: tuple[float,
 
 
 def _spread(wheelbase_mm: float, front: tuple[float, float], rear: tuple[float, float]) -> np.ndarray:
-    """Hubs (4, 3) in metres whose front-left to rear-right distance is the wheelbase, from millimetres.
+    """Return hubs (4, 3) in metres that have the given wheelbase, from millimetres.
 
-    `front` and `rear` are (sideways, up). The fore-aft distance is solved for and centred.
+    The wheelbase is the distance from the front-left to the rear-right hub. `front` and `rear` are (sideways,
+    up). The fore-aft distance is solved for and centred.
     """
     across, rise = front[0] + rear[0], front[1] - rear[1]
     half = 0.5 * float(np.sqrt(wheelbase_mm**2 - across**2 - rise**2))

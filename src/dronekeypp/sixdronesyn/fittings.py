@@ -1,6 +1,7 @@
-"""The pieces every drone has: motors, arms, legs, hinges, eyes, lenses, the gimbal camera, status lights.
+"""This module builds the pieces that every drone has.
 
-Lengths are millimetres in the body frame, on the left side of the drone. Colours are RGB, 0 to 255.
+They are motors, arms, legs, hinges, eyes, lenses, the gimbal camera and status lights. Lengths are
+millimetres in the body frame, on the left side of the drone. Colours are RGB, 0 to 255.
 """
 
 from collections.abc import Sequence
@@ -19,13 +20,13 @@ GREEN = (44, 200, 88)
 
 
 def shade(rgb: RGB, factor: float) -> RGB:
-    """A darker (`factor` below 1) or lighter colour of the same hue."""
+    """Return a darker (`factor` below 1) or lighter colour of the same hue."""
     red, green, blue = np.minimum(255, np.round(np.asarray(rgb) * factor)).astype(int).tolist()
     return red, green, blue
 
 
 def motor(hub: np.ndarray, radius: float, height: float, base: RGB, bell: RGB = METAL) -> list[Part]:
-    """Propeller nut, turning bell and fixed base of a motor under the hub (3,).
+    """Build the propeller nut, turning bell and fixed base of a motor under the hub (3,).
 
     Every part stays below the hub, so the keypoint itself is never inside one.
     """
@@ -51,7 +52,7 @@ def motor(hub: np.ndarray, radius: float, height: float, base: RGB, bell: RGB = 
 def eye(
     body: Part, start: Sequence[float], direction: Sequence[float], radius: float, rim: RGB = BLACK
 ) -> list[Part]:
-    """A vision sensor: a rim with a dark glossy dome.
+    """Build a vision sensor, which is a rim with a dark glossy dome.
 
     It is set flush where the ray from `start` inside the hull `body` leaves it. It faces half way between the
     ray's `direction` and the normal of the skin.
@@ -70,7 +71,7 @@ def eye(
 
 
 def lens(at: Sequence[float], radius: float, depth: float, rim: RGB = BLACK) -> list[Part]:
-    """A lens barrel that looks forward; the middle of its front is `at`."""
+    """Build a lens barrel that looks forward; the middle of its front is `at`."""
     r = radius
     forward = (1, 0, 0)
     barrel = [(r, -depth), (r, 0), (0.84 * r, 0.06 * r), (0.72 * r, -0.25 * r)]
@@ -93,7 +94,9 @@ def gimbal(
     face: RGB = BLACK,
     hood: bool = False,
 ) -> list[Part]:
-    """The camera of a drone, held by a pitch arm at its side, a roll arm behind it and a stem into the hull.
+    """Build the gimbal camera of a drone.
+
+    It is held by a pitch arm at its side, a roll arm behind it and a stem into the hull.
 
     Args:
         at: the camera's centre.
@@ -143,7 +146,7 @@ def arm(
     rgb: RGB,
     bend: Sequence[float] = (0.55, 0.5, 0.5),
 ) -> Part:
-    """An arm of three knots from `root` in the hull to the motor's seat, `drop` below the hub.
+    """Build an arm of three knots from `root` in the hull to the motor's seat, `drop` below the hub.
 
     `sizes` (3, 2) are the half widths and half heights at the knots. `bend` is where the middle knot lies
     along x, y and z, as a share of the way from the root to the tip.
@@ -157,7 +160,7 @@ def arm(
 def leg(
     hub: np.ndarray, top: float, foot: Sequence[float], wide: Sequence[float], thick: float, rgb: RGB
 ) -> Part:
-    """A blade that stands under a motor, from `top` below the hub down to its foot.
+    """Build a blade that stands under a motor, from `top` below the hub down to its foot.
 
     `foot` is (z in the body frame, shift forward, shift sideways). `wide` holds the half widths above and
     below, `thick` is the half thickness.
@@ -171,7 +174,7 @@ def leg(
 
 
 def hinge(at: Sequence[float], radius: float, height: float, rgb: RGB) -> Part:
-    """The round joint about which an arm folds."""
+    """Build the round joint about which an arm folds."""
     r, h = radius, 0.5 * height
     upper = [(0.0, h), (0.72 * r, h), (0.94 * r, h - 0.14 * r), (r, h - 0.4 * r)]
     lower = [(r, 0.4 * r - h), (0.85 * r, -h), (0, -h)]
@@ -179,7 +182,10 @@ def hinge(at: Sequence[float], radius: float, height: float, rgb: RGB) -> Part:
 
 
 def skid(x: tuple[float, float], y: float, top: float, bottom: float, thick: float, rgb: RGB) -> Part:
-    """A low keel below the belly, slanted at both ends. `x` is (rear end, front end)."""
+    """Build a low keel below the belly, slanted at both ends.
+
+    `x` is (rear end, front end).
+    """
     rear, front = x
     middle = 0.5 * (top + bottom)
     half = 0.5 * (top - bottom) + 0.2
@@ -196,7 +202,7 @@ def skid(x: tuple[float, float], y: float, top: float, bottom: float, thick: flo
 def light(
     hub: np.ndarray, radius: float, drop: float, rgb: RGB, half: Sequence[float] = (1.4, 4.0, 1.8)
 ) -> Part:
-    """A status light in the outer rim of a motor's seat, `drop` below the hub.
+    """Build a status light in the outer rim of a motor's seat, `drop` below the hub.
 
     It faces away from the middle of the drone.
     """

@@ -1,4 +1,4 @@
-"""One flight of 6DroneSyn: its annotations, its pictures, and how it gets to disk.
+"""This module makes one flight of 6DroneSyn: it annotates the frames, draws them and writes them to disk.
 
 A flight is rendered into ROOT/.partial and moved into its split when it is whole. Until then every finished
 frame is listed in .partial/ID/frames.jsonl; a restart keeps those frames and goes on.
@@ -39,12 +39,13 @@ QUALITY = 85  # JPEG
 
 
 class Flight:
-    """Everything that stays the same in one flight, and the way from a frame number to its annotation and its
-    picture.
+    """A flight holds everything that stays the same in all of its frames.
+
+    It leads from a frame number to the frame's annotation and its picture.
 
     Args:
         subsequence: the flight in the plan.
-        settings: of the data set, as its manifest holds them: `seed`, `frames` and `size` are read.
+        settings: those of the data set, as its manifest holds them; `seed`, `frames` and `size` are read.
         environments: the image files of all environments.
     """
 
@@ -70,7 +71,7 @@ class Flight:
         self.occlusion = _occlusion(subsequence.drone)
 
     def annotate(self, number: int) -> bop.Frame:
-        """The annotation of frame `number`."""
+        """Return the annotation of frame `number`."""
         cam, R, t = self.path.camera, self.path.R[number], self.path.t[number]
         hubs = self.drone.hubs @ R.T + t
         keypoints = project(hubs, cam.K)
@@ -120,7 +121,7 @@ class Flight:
         self.background = panorama.sample(directions(self.path.camera.K, cam_R, x0, y0, x1, y1), self.turn)
 
     def picture(self, frame: bop.Frame) -> np.ndarray:
-        """The stored image of an annotated frame, uint8 RGB.
+        """Return the stored image of an annotated frame, uint8 RGB.
 
         It is a crop (size, size, 3) or a whole frame (1080, 1920, 3). `open` must have been called with this
         frame.
@@ -156,7 +157,10 @@ _RENDERERS: dict[tuple[str, int], DroneRenderer] = {}
 
 
 def _renderer(name: str, resolution: int) -> DroneRenderer:
-    """The renderer of a drone at a resolution in pixels, made anew if it is not one of the two made last."""
+    """Return the renderer of a drone at a resolution in pixels.
+
+    It is made anew if it is not one of the two made last.
+    """
     key = (name, resolution)
     if key not in _RENDERERS:
         while len(_RENDERERS) >= 2:
@@ -178,7 +182,7 @@ def _occlusion(name: str) -> SelfOcclusion:
 
 @lru_cache
 def _outline(name: str) -> np.ndarray:
-    """The drone's extreme points (P, 3), body axes, propeller discs included.
+    """Return the drone's extreme points (P, 3) in body axes, propeller discs included.
 
     Their projections bound the drone's box exactly.
     """
@@ -192,7 +196,10 @@ def _outline(name: str) -> np.ndarray:
 
 
 def annotation_digest(entry: Any) -> str:
-    """The digest of anything JSON can hold, such as the (camera, truth, info) of `bop.Frame.to_bop`."""
+    """Return the digest of anything JSON can hold.
+
+    An example is the (camera, truth, info) of `bop.Frame.to_bop`.
+    """
     return digest(json.dumps(entry, separators=(",", ":")).encode())
 
 
@@ -203,7 +210,7 @@ def render_flight(
     environments: Sequence[str | Path],
     stride: int,
 ) -> int:
-    """Render one flight, or what is missing of it. Returns the number of frames rendered now.
+    """Render one flight, or what is missing of it, and return the number of frames rendered now.
 
     The arguments are those of `Flight`, the folder of the data set and its stride.
     """
@@ -250,7 +257,7 @@ def render_flight(
 
 
 def _read_log(log: Path, partial: Path) -> dict[int, str]:
-    """{frame: digest of its image} of the frames that a killed run had finished.
+    """Return {frame: digest of its image} of the frames that a killed run had finished.
 
     A frame whose line or whose image is torn is not among them, so it is rendered again.
     """

@@ -13,6 +13,7 @@ from dronekeypp.classes import DroneClass
 from dronekeypp.errors import InputError
 from dronekeypp.sixdronesyn import bop, scenes
 
+CAMERA = "camera.json"  # of a data set: width and height of its frames, where it is there
 IMAGES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 
 
@@ -36,7 +37,7 @@ def find_flights(root: Path, split: str, manifest: dict[str, Any]) -> dict[Path,
     if listed.is_file():
         return read_list(listed)
     folder = root / split
-    if not folder.is_dir():
+    if not split or not folder.is_dir():
         raise InputError(f"{root}: no split {split!r}: neither a folder nor {listed.name}")
     flights = [path for path in folder.iterdir() if (path / bop.SCENE_FILES[0]).is_file()]
     return dict.fromkeys(sorted(flights, key=lambda path: files.natural_order(path.name)))
@@ -66,7 +67,7 @@ def check_complete(root: Path, split: str, manifest: dict[str, Any]) -> None:
 
 def split_of(name: str) -> str | None:
     """The split of a flight of 6DroneSyn, from its folder's name; None where it is no such name."""
-    scene = scenes.SCENES.get(int(name) // 100) if name.isdigit() else None
+    scene = scenes.SCENES.get(int(name) // 100) if name.isdecimal() else None
     return scene.split if scene else None
 
 
@@ -77,12 +78,16 @@ def read_list(path: Path) -> dict[Path, set[int] | None]:
         InputError: a line names neither a flight folder nor a frame of one.
     """
     flights: dict[Path, set[int] | None] = {}
-    for number, text in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+    try:
+        content = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not text in UTF-8") from None
+    for number, text in enumerate(content.splitlines(), 1):
         line = text.strip().rstrip("/")
         if not line or line.startswith("#"):
             continue
         folder, frame = path.parent / line, None
-        if not (folder / bop.SCENE_FILES[0]).is_file() and Path(line).stem.isdigit():
+        if not (folder / bop.SCENE_FILES[0]).is_file() and Path(line).stem.isdecimal():
             folder, frame = folder.parent, int(Path(line).stem)
             folder = folder.parent if folder.name == "rgb" else folder
         if not (folder / bop.SCENE_FILES[0]).is_file():
@@ -94,10 +99,21 @@ def read_list(path: Path) -> dict[Path, set[int] | None]:
     return flights
 
 
+def check_listed(folder: Path, wanted: set[int], annotated: set[int]) -> None:
+    """Raise InputError if a list names a frame that its flight does not annotate."""
+    missing = sorted(wanted - annotated)
+    if missing:
+        raise InputError(f"{folder}: a list names frame {missing[0]}, and there is no drone in it")
+
+
 def unnamed_objects(root: Path) -> dict[int, DroneClass]:
-    """The objects of a data set without models_info.json, by number, from all of its annotations."""
+    """Return the objects of a data set without models_info.json by number, from all of its annotations.
+
+    Flights lie in the data set's folder, or in a folder there.
+    """
+    name = bop.SCENE_FILES[1]
     numbers: set[int] = set()
-    for path in root.rglob(bop.SCENE_FILES[1]):
+    for path in [*root.glob(name), *root.glob(f"*/{name}"), *root.glob(f"*/*/{name}")]:
         for _, truths, _ in bop.read_entries(path.parent).values():
             for truth in truths:
                 if type(truth.get("obj_id")) is int:
@@ -105,11 +121,49 @@ def unnamed_objects(root: Path) -> dict[int, DroneClass]:
     return {number: DroneClass(f"object {number}") for number in sorted(numbers)}
 
 
+def flight_facts(folder: Path, flight: dict[str, Any]) -> tuple[int, dict[int, str]]:
+    """Return the scene of a flight of 6DroneSyn, and the digest of each picture by frame number.
+
+    Raises:
+        InputError: flight.json holds something else.
+    """
+    try:
+        digests = {int(number): pair[0] for number, pair in flight["digests"].items()}
+        return int(flight["scene"]), digests
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError):
+        raise InputError(
+            f"{folder / 'flight.json'}: no scene and digests; generate this flight again"
+        ) from None
+
+
+def frame_size(root: Path, folder: Path, images: dict[int, Path]) -> tuple[int, int]:
+    """Return width and height of the whole frames of a flight.
+
+    They come from camera.json or, where there is none, from the first picture.
+
+    Raises:
+        InputError: camera.json holds no sizes, or there is no picture.
+    """
+    camera = root / CAMERA
+    if camera.is_file():
+        entry = files.read_json(camera)
+        size = (entry.get("width"), entry.get("height")) if isinstance(entry, dict) else (None, None)
+        if not all(type(value) is int and value > 0 for value in size):
+            raise InputError(f"{camera}: width and height must be whole numbers of pixels")
+        return size
+    if not images:
+        raise InputError(
+            f"{folder / 'rgb'}: no image; a picture is called by its frame's number, 7.jpg or 000007.png"
+        )
+    height, width = read_image(next(iter(images.values()))).shape[:2]
+    return width, height
+
+
 def stored_images(folder: Path) -> dict[int, Path]:
     """The image files of a flight by frame number, in order."""
     images = {}
     for path in sorted((folder / "rgb").glob("*")):
-        if path.suffix.lower() in IMAGES and path.stem.isdigit():
+        if path.suffix.lower() in IMAGES and path.stem.isdecimal():
             images[int(path.stem)] = path
     return images
 
@@ -125,7 +179,8 @@ def read_image(path: str | Path, digest: str | None = None) -> np.ndarray:
     try:
         data = path.read_bytes()
     except FileNotFoundError:
-        raise InputError(f"{path}: image missing; generate this flight again") from None
+        mend = "; generate this flight again" if digest else ""
+        raise InputError(f"{path}: image missing{mend}") from None
     if path.suffix.lower() in (".jpg", ".jpeg"):
         # OpenCV fills what a truncated JPEG lacks with grey and says nothing. The end marker comes after the
         # last start of picture data, or the file is cut off.

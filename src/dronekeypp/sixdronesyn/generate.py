@@ -1,11 +1,11 @@
-"""Makes 6DroneSyn on disk: flight by flight from a seed, on any number of workers or shards.
+"""This module makes 6DroneSyn on disk, flight by flight from a seed, on any number of workers or shards.
 
 It can be stopped at any frame and started again, see `flight`. Every random draw comes from (seed, scene,
 drone, background, frame), so neither the order nor the number of workers changes a pixel.
 
 manifest.json comes first, with the settings and the plan. When the flights are there, `finish` adds what is
-on disk. A data set numbers the seven drones 1 to 7, and drones of your own (see `own`) from 8 in the order in
-which it met them. The manifest holds that order.
+on disk. A data set numbers the seven drones 1 to 7. It numbers drones of your own (see `own`) from 8, in the
+order in which it met them. The manifest holds that order.
 """
 
 from __future__ import annotations
@@ -57,7 +57,9 @@ def generate(
     shard: tuple[int, int] = (0, 1),
     progress: bool = True,
 ) -> dict[str, Any]:
-    """Generate 6DroneSyn, or a part of it, into `root`; what is already there is kept (paper Sec. IV).
+    """Generate 6DroneSyn, or a part of it, in `root` (paper Sec. IV).
+
+    What is already there is kept.
 
     Args:
         root: output folder.
@@ -65,9 +67,9 @@ def generate(
         frames: "crop", the square around the drone at `size` pixels, or "full", 1920×1080.
         size: side of a stored crop, pixels.
         stride: keep every stride-th frame of each flight.
-        seed: of all random draws.
+        seed: the seed of all random draws.
         environments: folder of equirectangular images; None for the 22 procedural ones.
-        workers: processes. The result does not depend on it.
+        workers: the number of processes. The result does not depend on it.
         shard: (I, N) renders flights I, I + N, I + 2N, …; run every I from 0 to N − 1, at the same time if
             you like.
         progress: show a progress bar, where stderr is a terminal.
@@ -76,8 +78,8 @@ def generate(
         the manifest, a dictionary (also written as manifest.json).
 
     Raises:
-        InputError: bad arguments, no OpenGL library, a bad environment image, a folder that holds a data set
-            with other settings or another drone of the same name, or more than ten drones.
+        InputError: an argument or an environment image is bad, there is no OpenGL library, the folder holds a
+            data set with other settings or another drone of the same name, or there are more than ten drones.
     """
     root = Path(root)
     _check_arguments(scene_numbers, drone_names, frames, size, stride, seed, workers, shard)
@@ -115,7 +117,7 @@ def _check_arguments(
     workers: int,
     shard: tuple[int, int],
 ) -> None:
-    """Raise InputError for the first argument of `generate` that cannot be."""
+    """Raise InputError for the first argument of `generate` that is not allowed."""
     if scene_numbers == [] or drone_names == []:
         raise InputError("the list of scenes or drones is empty; leave it out for all of them")
     for number in scene_numbers or ():
@@ -154,9 +156,9 @@ def _work(
 
 
 def _lock(root: Path) -> FileLock:
-    """One process at a time reads, changes and writes what describes the whole data set.
+    """Return the lock of the files that describe the whole data set.
 
-    Shards may run side by side.
+    One process at a time reads, changes and writes them. Shards may run side by side.
     """
     return FileLock(root / ".lock")
 
@@ -215,13 +217,13 @@ def _check_same(path: Path, key: str, old: Any, new: Any) -> None:
 
 
 def _short(value: Any) -> str:
-    """A setting for a message: its JSON, or the digest of a long one."""
+    """Return a setting for a message: its JSON, or the digest of a long one."""
     text = json.dumps(value)
     return text if len(text) < 60 else f"digest {digest(text.encode())}"
 
 
 def _own_drones(path: Path, old: dict[str, str], drone_names: Sequence[str] | None) -> dict[str, str]:
-    """Name and digest of each drone of your own in a data set, in the order of their numbers.
+    """Return name and digest of each drone of your own in a data set, in the order of their numbers.
 
     Those that it holds (`old`) keep their places; new ones come behind them.
 
@@ -248,7 +250,7 @@ def _own_drones(path: Path, old: dict[str, str], drone_names: Sequence[str] | No
 
 
 def _versions() -> dict[str, str]:
-    """What the pictures may depend on."""
+    """Return the versions of what the pictures may depend on."""
     return {
         "python": platform.python_version(),
         "numpy": np.__version__,
@@ -270,7 +272,7 @@ def finish(root: str | Path) -> dict[str, Any]:
 
 
 def _finish(root: Path) -> dict[str, Any]:
-    """`finish`, while the folder is held."""
+    """Do the work of `finish` while it holds the folder."""
     manifest = bop.read_json(root / "manifest.json")
     flights = {}
     for split in scenes.SPLITS:
@@ -291,11 +293,11 @@ def _finish(root: Path) -> dict[str, Any]:
 
 
 def totals(planned: dict[str, int], flights: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    """What the manifest says of the whole data set.
+    """Return what the manifest says of the whole data set.
 
     Args:
         planned: {flight: number of frames}.
-        flights: {flight: {"split": …, "digests": {frame: [of the image, of the annotation]}}}.
+        flights: {flight: {"split": …, "digests": {frame: [image digest, annotation digest]}}}.
 
     Returns:
         `planned_frames`, `frames` of each split on disk, and two digests over all frames: `digest` of the

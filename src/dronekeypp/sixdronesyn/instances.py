@@ -1,4 +1,7 @@
-"""The annotations of many frames, read key by key: one check of a whole stack is cheaper than one a frame."""
+"""This module reads the annotations of many frames key by key.
+
+One check of a whole stack is cheaper than one check a frame.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from dronekeypp.errors import InputError
 
 
 class Instances:
-    """The entries of every drone in every frame of one flight.
+    """This class holds the entries of every drone in every frame of one flight.
 
     An entry is what one of the flight's files says of one drone in one frame. `part` is the file's number: 0
     is the camera's, 1 the truth's and 2 that of the boxes, as in `bop.SCENE_FILES`.
@@ -27,11 +30,11 @@ class Instances:
         self.entries = [[row[part] for row in rows] for part in (1, 2, 3)]
 
     def where(self, part: int, index: int) -> str:
-        """The file and the frame of an entry, for a message."""
+        """Return the file and the frame of an entry, for a message."""
         return f"{self.paths[part]} frame {self.numbers[index]}"
 
     def stack(self, part: int, key: str, shape: tuple[int, ...]) -> np.ndarray:
-        """The values of a key as float64 (F, *shape).
+        """Return the values of a key as float64 (F, *shape).
 
         Raises:
             InputError: one is missing, has another size, or holds NaN. The message names file and frame.
@@ -50,10 +53,10 @@ class Instances:
         return values.reshape(len(entries), *shape)
 
     def optional(self, part: int, key: str, shape: tuple[int, ...]) -> np.ndarray | None:
-        """What `stack` returns, or None where no entry has the key.
+        """Return what `stack` returns, or None where no entry has the key.
 
         Raises:
-            InputError: as `stack`; so also where one entry has the key and another lacks it.
+            InputError: as `stack` raises it, and also where one entry has the key and another lacks it.
         """
         for entry in self.entries[part]:
             if entry.get(key) is not None:
@@ -86,7 +89,7 @@ class Instances:
 
 
 def one_value(entry: dict, key: str, size: int, where: str) -> np.ndarray:
-    """The value of a key as `size` finite numbers, float64 (size,).
+    """Return the value of a key as `size` finite numbers, float64 (size,).
 
     Raises:
         InputError: it is missing, no list of numbers, has another size, or holds NaN. The message begins with

@@ -1,4 +1,4 @@
-"""The seven drones as meshes: one opaque body each, and four propellers that spin (Sec. IV).
+"""Build the seven drones as meshes: one opaque body each, and four propellers that spin (Sec. IV).
 
 `drone_mesh("Mini2").body` is one triangle surface in metres, body frame, with the point arrays `rgb` (uint8),
 `Normals` and `specular` (0 is matt, 1 is glossy). `.propellers(phases, blur_radians)` is one translucent
@@ -26,7 +26,7 @@ BLADES = 2
 
 
 def _coverage(angle: np.ndarray, half_width: np.ndarray, blur: float) -> np.ndarray:
-    """The share (0 to 1) of the exposure in which one of the two blades covers a direction.
+    """Return the share (0 to 1) of the exposure in which one of the two blades covers a direction.
 
     A blade is a box function of the angle. The exposure slides it through `blur` radians, and a cell of the
     mesh averages over its own width. That makes three boxes convolved; the closed form of the convolution is
@@ -53,7 +53,7 @@ def _coverage(angle: np.ndarray, half_width: np.ndarray, blur: float) -> np.ndar
 
 @dataclass(eq=False)
 class DroneMesh:
-    """The shapes of one drone.
+    """A drone mesh holds the shapes of one drone.
 
     `hubs` is (4, 3), metres, body frame. `hub_clearance`, metres, is for occlusion: cast a ray from a hub to
     the camera and ignore what it meets of `body` nearer than this, because that is only the top of the hub's
@@ -94,9 +94,10 @@ class DroneMesh:
         self._discs.point_data.active_normals_name = "Normals"
 
     def propellers(self, phases: np.ndarray, blur_radians: float) -> pv.PolyData:
-        """The four propellers during one exposure, with their opacity in `point_data['rgba']` (uint8).
+        """Return the four propellers during one exposure.
 
-        Each call refills the same PolyData: copy it to keep it.
+        Their opacity is in `point_data['rgba']` (uint8). Each call refills the same PolyData: copy it to keep
+        it.
 
         Args:
             phases: (4,) radians from body x to a blade in the middle of the exposure, in keypoint order,
@@ -105,7 +106,7 @@ class DroneMesh:
                 the disc is nearly even.
 
         Raises:
-            InputError: the wrong shape, an angle that is not finite, or a negative blur.
+            InputError: the shape is wrong, an angle is not finite, or the blur is negative.
         """
         phases = np.asarray(phases, float)
         usable_phases = phases.shape == (4,) and np.isfinite(phases).all()
@@ -124,10 +125,10 @@ class DroneMesh:
 
 @cache
 def drone_mesh(name: str) -> DroneMesh:
-    """The mesh of drone `name` (a key of `DRONES`), built once.
+    """Return the mesh of drone `name` (a key of `DRONES`), which is built once.
 
     Raises:
-        InputError: an unknown name, or a mesh of your own that cannot be used.
+        InputError: the name is unknown, or the mesh of your own cannot be used.
     """
     if name not in DRONES:
         raise InputError(f"drone {name!r} is unknown; choose one of {', '.join(DRONES)}")
@@ -137,7 +138,7 @@ def drone_mesh(name: str) -> DroneMesh:
 
 
 def _point_colours(mesh: pv.PolyData) -> np.ndarray | None:
-    """The colours (P, 3) uint8 that a mesh file gives its points, or None where it gives none."""
+    """Return the colours (P, 3) uint8 that a mesh file gives its points, or None where it gives none."""
     for name in ("RGB", "rgb", "RGBA"):
         if name in mesh.point_data:
             colours = np.asarray(mesh.point_data[name])[:, :3]
@@ -148,7 +149,9 @@ def _point_colours(mesh: pv.PolyData) -> np.ndarray | None:
 
 
 def read_body(drone: Drone) -> pv.PolyData:
-    """Read the mesh of a drone of your own, with the same point arrays as `merge` gives those of the seven.
+    """Read the mesh of a drone of your own.
+
+    It gets the same point arrays as `merge` gives the meshes of the seven.
 
     Raises:
         InputError: the file holds no mesh, or the mesh does not fit the drone's hubs in size or position.

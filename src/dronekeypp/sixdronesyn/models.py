@@ -1,4 +1,7 @@
-"""models/ of a data set: a mesh for each drone, and models_info.json with their names, sizes and hubs."""
+"""This module writes models/ of a data set.
+
+It holds a mesh for each drone, and models_info.json with their names, sizes and hubs.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ from dronekeypp.sixdronesyn.own import VARIABLE
 
 
 def write_models(root: Path, names: Sequence[str]) -> None:
-    """Write what is missing of models/: the drone names[i] is object i + 1.
+    """Write what is missing of models/, where the drone names[i] is object i + 1.
 
     models_info.json comes last: it says that the meshes are all there. What it holds already stays, so a
     drone of somebody's own need not be known here.
@@ -49,7 +52,7 @@ def write_models(root: Path, names: Sequence[str]) -> None:
 
 
 def model_info(drone: Drone) -> dict[str, Any]:
-    """A drone's entry of models_info.json.
+    """Return a drone's entry of models_info.json.
 
     It holds its names, BOP's sizes, and its hubs in body axes, all in millimetres.
     """

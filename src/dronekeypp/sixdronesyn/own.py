@@ -26,7 +26,8 @@ from typing import Any
 
 import numpy as np
 
-from dronekeypp.classes import DroneClass
+from dronekeypp import classes
+from dronekeypp.classes import LARGEST, SYMMETRY, DroneClass
 from dronekeypp.errors import InputError
 from dronekeypp.files import digest, read_json
 from dronekeypp.pnp import check_coplanar
@@ -44,7 +45,6 @@ DEFAULTS: dict[str, Any] = {
 }
 OPTIONAL = (*DEFAULTS, "label", "body_mm")
 COLOURS = ("hull_rgb", "trim_rgb", "propeller_rgb", "tip_rgb")
-SYMMETRY = 0.01  # of the wheelbase: how far the hubs may be from left–right symmetric
 
 
 def read(taken: tuple[str, ...]) -> list[dict[str, Any]]:
@@ -95,14 +95,16 @@ def read_drone(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: mesh {mesh} not found")
     try:
         hubs = np.array(given["hubs"], dtype=float)
+        check_hubs(path, hubs)
         diameter = float(given["propeller_diameter"])
         mass = float(given["mass"])
         motor = float(given["motor_radius"])
         colours = {key: tuple(int(v) for v in given[key]) for key in COLOURS}
         body = tuple(float(v) for v in given.get("body_mm") or 1000 * np.ptp(hubs, axis=0) + 20)
+    except InputError:
+        raise
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{path}: {error}") from None
-    check_hubs(path, hubs)
     possible = 0.01 < diameter < 1 and 0.01 < mass < 50 and 0 < motor < diameter and len(body) == 3
     if not (possible and all(1 < v < 5000 for v in body)):
         raise InputError(
@@ -136,16 +138,9 @@ def check_hubs(path: Path, hubs: np.ndarray) -> None:
         InputError: they are not four hubs in metres, in the right order, in one plane and left–right
             symmetric to a hundredth of the wheelbase. The message begins with `path`.
     """
-    if hubs.shape != (4, 3) or not np.isfinite(hubs).all():
-        raise InputError(f"{path}: hubs {hubs.shape}, four points of three numbers are needed")
-    if np.abs(hubs).max() > 2:
+    if hubs.shape == (4, 3) and np.abs(hubs).max() > LARGEST:
         raise InputError(f"{path}: a hub {np.abs(hubs).max():g} m from the middle: hubs are in metres")
-    x, y = hubs[:, 0], hubs[:, 1]
-    if not (min(x[0], x[1]) > max(x[2], x[3]) and min(y[0], y[3]) > max(y[1], y[2])):
-        raise InputError(
-            f"{path}: hubs in the order front-left, front-right, rear-right, rear-left, "
-            "with x forward and y to the left"
-        )
+    classes.check_hubs(hubs, str(path))
     try:
         check_coplanar(hubs)
     except InputError:

@@ -1,4 +1,4 @@
-"""Backgrounds: a 360° panorama that can be looked into in any direction, and the light it throws on a drone.
+"""This module gives a 360° background in any direction, and the light it throws on a drone.
 
 A panorama is an equirectangular image, twice as wide as high. World axes have z up; the middle column looks
 along +x. Pixel (u, v), with pixel centres at +0.5, shows
@@ -28,7 +28,7 @@ _LOOKUP_ROWS = 8192  # rows of samples that one call of it gets
 
 @dataclass(frozen=True)
 class SunLight:
-    """The light on a matt surface, linear RGB: a sun, a sky and a ground.
+    """Describe the light on a matt surface by a sun, a sky and a ground, in linear RGB.
 
     The radiance of a surface with the normal n is
 
@@ -48,13 +48,13 @@ class SunLight:
 
 
 class Panorama:
-    """An equirectangular image with lookups.
+    """A panorama is an equirectangular image that can be looked into in any direction.
 
     Args:
         image: (H, 2H, 3) uint8 RGB.
 
     Raises:
-        InputError: another shape or another type.
+        InputError: the image has another shape or another type.
     """
 
     def __init__(self, image: np.ndarray) -> None:
@@ -74,18 +74,20 @@ class Panorama:
 
     @property
     def height(self) -> int:
-        """Of the image, in pixels."""
+        """Return the height of the image in pixels."""
         return self.image.shape[0]
 
     def sample(self, directions: np.ndarray, turn: int = 0) -> np.ndarray:
-        """The colours seen along world directions, (..., 3) uint8. The lookup is bicubic and has no seam.
+        """Return the colours seen along world directions, (..., 3) uint8.
+
+        The lookup is bicubic and has no seam.
 
         Args:
             directions: (..., 3) float in world axes (z up), of any length but zero.
             turn: quarter turns of the environment about z, counter-clockwise.
 
         Raises:
-            InputError: `directions` that do not end in 3 components.
+            InputError: `directions` do not end in 3 components.
         """
         directions = np.asarray(directions, np.float32)
         if directions.shape[-1:] != (3,):
@@ -107,7 +109,10 @@ class Panorama:
         return np.concatenate(pieces).reshape(-1, 3)[:count].reshape(*batch, 3)
 
     def _pixels(self, directions: np.ndarray, turn: int) -> tuple[np.ndarray, np.ndarray]:
-        """Array positions (columns, rows), with pixel centres at whole numbers, of (N, 3) directions."""
+        """Return the array positions (columns, rows) of directions (N, 3).
+
+        Pixel centres are at whole numbers.
+        """
         height, width = self.image.shape[:2]
         x = np.ascontiguousarray(directions[:, 0])
         y = np.ascontiguousarray(directions[:, 1])
@@ -128,7 +133,7 @@ class Panorama:
         return cv2.remap(self.image, columns, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_WRAP)
 
     def light(self, turn: int = 0) -> SunLight:
-        """The light of this environment after `turn` quarter turns.
+        """Return the light of this environment after `turn` quarter turns.
 
         It is estimated from the pixels alone, so that it also works for any photograph.
 
@@ -151,7 +156,7 @@ class Panorama:
 
     @cached_property
     def _light(self) -> SunLight:
-        """The light without any turn."""
+        """Return the light without any turn."""
         small = cv2.resize(self.image, (2 * _LIGHT_HEIGHT, _LIGHT_HEIGHT), interpolation=cv2.INTER_AREA)
         linear = (small.astype(np.float32) / 255) ** 2.2
         directions, area = _sphere(_LIGHT_HEIGHT)
@@ -212,7 +217,7 @@ def load_panorama(path: str | Path) -> Panorama:
 
 
 def _sphere(height: int) -> tuple[np.ndarray, np.ndarray]:
-    """Directions (H, 2H, 3) of the pixel centres and the solid angle (H, 2H) of each, float32."""
+    """Return directions (H, 2H, 3) of the pixel centres and the solid angle (H, 2H) of each, float32."""
     theta = (0.5 - (np.arange(height) + 0.5) / height) * np.pi
     phi = (0.5 - (np.arange(2 * height) + 0.5) / (2 * height)) * 2 * np.pi
     theta, phi = np.meshgrid(theta, phi, indexing="ij")
@@ -222,13 +227,13 @@ def _sphere(height: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _cosine_mean(linear: np.ndarray, cosine: np.ndarray, area: np.ndarray) -> np.ndarray:
-    """The mean colour (3,) of an image (H, W, 3), weighted by `cosine` and `area` (H, W)."""
+    """Return the mean colour (3,) of an image (H, W, 3), weighted by `cosine` and `area` (H, W)."""
     weight = cosine * area
     return (np.einsum("hwc,hw->c", linear, weight) / weight.sum()).astype(np.float64)
 
 
 def _sun_score(luminance: np.ndarray) -> np.ndarray:
-    """How much each pixel of a whole panorama (H, W) looks like the sun.
+    """Return how much each pixel of a whole panorama (H, W) looks like the sun.
 
     A narrow blur is added to wide ones: the sun sits in its glow, while a white wall or the rim of a cloud
     does not. The ground is blurred in with the sky, so that a bright horizon does not count double.
@@ -244,7 +249,7 @@ def _sun_score(luminance: np.ndarray) -> np.ndarray:
 
 
 def _brightest(score: np.ndarray, directions: np.ndarray, area: np.ndarray) -> np.ndarray:
-    """Flat indices of the pixels with the highest score that cover 0.1 % of the area, best first.
+    """Return flat indices of the pixels with the highest score that cover 0.1 % of the area, best first.
 
     Only those within 15 degrees of the best one count.
     """

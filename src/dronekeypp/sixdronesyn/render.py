@@ -1,4 +1,4 @@
-"""Draws one drone as one camera sees it, over a panorama, off-screen with VTK.
+"""This module draws one drone as one camera sees it, over a panorama, off-screen with VTK.
 
 Full frames and crops go through the same steps: the panorama is sampled at the frame's own pixels, and the
 drone is drawn finer and averaged. So a crop is the picture that the full frame would give there.
@@ -51,7 +51,7 @@ plotter.screenshot()
 
 
 class Light(TypedDict):
-    """The light on a drone: unit vectors in camera axes and linear RGB colours, (3,) each."""
+    """Describe the light on a drone by unit vectors in camera axes and linear RGB colours, (3,) each."""
 
     sun: np.ndarray  # towards the sun
     up: np.ndarray
@@ -61,7 +61,10 @@ class Light(TypedDict):
 
 
 class View(TypedDict):
-    """One exposure of one drone: the arguments of `DroneRenderer.draw` besides the square."""
+    """Describe one exposure of one drone.
+
+    It holds the arguments of `DroneRenderer.draw` besides the square.
+    """
 
     R: np.ndarray
     t: np.ndarray
@@ -91,7 +94,7 @@ def check_opengl() -> None:
 
 
 def _actor(mesh: pv.PolyData, colours: str) -> vtk.vtkActor:
-    """A mesh that is drawn with the point array `colours` and our own light."""
+    """Return a mesh as an actor that is drawn with the point array `colours` and our own light."""
     mapper = vtk.vtkPolyDataMapper()
     mapper.SetInputData(mesh)
     mapper.SetScalarModeToUsePointFieldData()
@@ -115,7 +118,9 @@ def _set_light(actor: vtk.vtkActor, light: Light, gloss: float) -> None:
 
 
 class DroneRenderer:
-    """Draws one drone type. Keep one for many frames: setting up costs a second, a frame a few milliseconds.
+    """A renderer draws one drone type.
+
+    Keep one for many frames: setting up costs a second, a frame a few milliseconds.
 
     Args:
         name: the drone, a key of `DRONES`.
@@ -199,7 +204,7 @@ class DroneRenderer:
 
 
 class SelfOcclusion:
-    """Finds the propeller hubs that the drone's own body hides.
+    """This class finds the propeller hubs that the drone's own body hides.
 
     It casts rays in double precision, which gives the same answer on every machine, unlike a depth buffer.
 
@@ -214,7 +219,7 @@ class SelfOcclusion:
         self._locator.BuildLocator()
 
     def visible(self, hubs: np.ndarray, R: np.ndarray, t: np.ndarray) -> np.ndarray:
-        """Whether nothing of the body lies between the camera and each hub, (4,) bool.
+        """Return whether nothing of the body lies between the camera and each hub, (4,) bool.
 
         Args:
             hubs: (4, 3) metres, body frame.
@@ -229,7 +234,7 @@ class SelfOcclusion:
         return np.array(visible)
 
     def _is_blocked(self, start: np.ndarray, end: np.ndarray) -> bool:
-        """Whether the line from `start` to `end` (3,) meets the body."""
+        """Return whether the line from `start` to `end` (3,) meets the body."""
         # VTK writes where the line meets it to these four; nobody reads them
         share, point, parametric, sub_id = vtk.reference(0.0), [0.0] * 3, [0.0] * 3, vtk.reference(0)
         hit = self._locator.IntersectWithLine(start, end, 1e-9, share, point, parametric, sub_id)
@@ -243,7 +248,7 @@ def composite(drone: np.ndarray, background: np.ndarray) -> np.ndarray:
 
 
 def directions(K: np.ndarray, camera_R: np.ndarray, x0: int, y0: int, x1: int, y1: int) -> np.ndarray:
-    """World directions (y1 − y0, x1 − x0, 3) of the full frame's pixel centres in a window, float32.
+    """Return world directions (y1 − y0, x1 − x0, 3) of the full frame's pixel centres in a window, float32.
 
     The window holds the columns x0 to x1 − 1 and the rows y0 to y1 − 1. `camera_R` (3, 3) is camera←world.
     """
@@ -253,9 +258,10 @@ def directions(K: np.ndarray, camera_R: np.ndarray, x0: int, y0: int, x1: int, y
 
 
 def window_around(square: np.ndarray, width: int, height: int) -> tuple[int, int, int]:
-    """The whole pixels (x, y, side) of a `width` × `height` frame that hold `square` and one pixel around it.
+    """Return the whole pixels (x, y, side) of a frame that hold `square` and one pixel around it.
 
-    Interpolation at the edge of the square reads the pixels next to it.
+    The frame has `width` × `height` pixels. Interpolation at the edge of the square reads the pixels next to
+    it.
     """
     side = int(min(np.ceil(square[2]) + 3, width, height))
     corner = np.floor(square[:2]).astype(int) - 1

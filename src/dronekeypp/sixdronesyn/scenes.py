@@ -1,9 +1,9 @@
-"""The flight plan of 6DroneSyn (paper Sec. IV, Table 2): scenes, splits, backgrounds, cameras and flights.
+"""This module is the flight plan of 6DroneSyn (paper Sec. IV, Table 2).
 
-Nothing is rendered here. Every random draw comes from a generator seeded by (seed, scene, drone,
-subsequence), so each flight can be remade without the others.
+It fixes scenes, splits, backgrounds, cameras and flights. Nothing is rendered here. Every random draw comes
+from a generator seeded by (seed, scene, drone, subsequence), so each flight can be remade without the others.
 
-What the paper leaves open, and what we take:
+The paper leaves some things open. We take:
 - A scene fixes the lens, which is one camera matrix. Each of its 21 subsequences mounts that camera anew
   (height, tilt, where it looks) and flies its own path. That makes 273 flights; the paper has 91 flights,
   each before three backgrounds.
@@ -41,7 +41,10 @@ Trajectory = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 @dataclass(frozen=True)
 class Scene:
-    """One row of Table 2. `motion` is "linear" or "non-linear"."""
+    """A scene is one row of Table 2.
+
+    `motion` is "linear" or "non-linear".
+    """
 
     number: int
     motion: str
@@ -50,7 +53,7 @@ class Scene:
 
     @property
     def frames(self) -> int:
-        """Frames of each flight in this scene."""
+        """Return the number of frames of each flight in this scene."""
         return self.seconds * FPS
 
 
@@ -74,7 +77,7 @@ SCENES = {scene.number: scene for scene in _TABLE_2}
 
 @dataclass(frozen=True)
 class Subsequence:
-    """One flight: a scene, a drone, and which of its three backgrounds (`take`, 0 to 2).
+    """A subsequence is one flight: a scene, a drone, and which of its three backgrounds (`take`, 0 to 2).
 
     `number` is the drone's number in its data set, from 0; None means its place among all drones here. A
     drone of your own gets it from the data set, so that another drone of your own does not change it.
@@ -87,26 +90,29 @@ class Subsequence:
 
     @property
     def drone_number(self) -> int:
-        """The drone's number in its data set, from 0: one digit of the folder's name."""
+        """Return the drone's number in its data set, from 0, which is one digit of the folder's name."""
         return DRONES[self.drone].index if self.number is None else self.number
 
     @property
     def id(self) -> int:
-        """The BOP scene number, which also names the folder."""
+        """Return the BOP scene number, which also names the folder."""
         return self.scene * 100 + self.drone_number * 10 + self.take
 
     @property
     def split(self) -> str:
-        """Its scene's split, one of `SPLITS`."""
+        """Return the split of the flight's scene, one of `SPLITS`."""
         return SCENES[self.scene].split
 
     @property
     def frames(self) -> int:
-        """How many frames it has."""
+        """Return how many frames the flight has."""
         return SCENES[self.scene].frames
 
     def generator(self, seed: int, purpose: str, frame: int = 0) -> np.random.Generator:
-        """A random generator for one purpose (one of `PURPOSES`), of this flight or of one frame of it."""
+        """Return a random generator for one purpose, of this flight or of one frame of it.
+
+        The purpose is one of `PURPOSES`.
+        """
         drone = DRONES[self.drone].seed
         return np.random.default_rng([seed, self.scene, drone, self.take, frame, PURPOSES.index(purpose)])
 
@@ -116,7 +122,7 @@ def subsequences(
     drones: Container[str] | None = None,
     numbers: Mapping[str, int] | None = None,
 ) -> list[Subsequence]:
-    """Every flight of the chosen scenes and drones (all by default), in a fixed order.
+    """Return every flight of the chosen scenes and drones (all by default), in a fixed order.
 
     `numbers` are those of drones of your own in the data set, see `Subsequence`.
     """
@@ -130,14 +136,17 @@ def subsequences(
 
 
 def frame_numbers(subsequence: Subsequence, stride: int = 1) -> range:
-    """The frames of a flight that `--stride` keeps: every `stride`-th, with unchanged numbers."""
+    """Return the frames of a flight that `--stride` keeps: every `stride`-th, with unchanged numbers."""
     return range(0, subsequence.frames, stride)
 
 
 def count_frames(
     scenes: Container[int] | None = None, drones: Container[str] | None = None, stride: int = 1
 ) -> int:
-    """How many frames a selection has, from the table alone. The whole data set has 52,920."""
+    """Return how many frames a selection has, from the table alone.
+
+    The whole data set has 52,920 frames.
+    """
     return sum(len(frame_numbers(flight, stride)) for flight in subsequences(scenes, drones))
 
 
@@ -145,9 +154,9 @@ def count_frames(
 
 
 def split_environments(n: int) -> dict[str, list[int]]:
-    """The environment numbers of each split, for `n` environments: of 22, the splits get 14, 3 and 5.
+    """Return the environment numbers of each split, for `n` environments.
 
-    Fewer than 6 are too few for that, and every split gets all of them.
+    Of 22, the splits get 14, 3 and 5. Fewer than 6 are too few to split, and every split gets all of them.
     """
     if n < 6:
         return {split: list(range(n)) for split in SPLITS}
@@ -163,7 +172,7 @@ def split_environments(n: int) -> dict[str, list[int]]:
 
 
 def background(subsequence: Subsequence, environments: int, seed: int = 0) -> tuple[int, int]:
-    """The background of a flight: (environment number, quarter turns about z).
+    """Return the background of a flight as (environment number, quarter turns about z).
 
     Each split deals out its environments, each in four turns, like a pack of cards, and shuffles the pack
     anew when it is used up. The seven drones share their packs, and each drone of your own has packs of its
@@ -172,7 +181,7 @@ def background(subsequence: Subsequence, environments: int, seed: int = 0) -> tu
     Args:
         subsequence: the flight.
         environments: how many environments there are.
-        seed: of the data set.
+        seed: the seed of the data set.
     """
     pack = list(product(split_environments(environments)[subsequence.split], QUARTER_TURNS))
     split = SPLITS.index(subsequence.split)
@@ -194,7 +203,7 @@ def background(subsequence: Subsequence, environments: int, seed: int = 0) -> tu
 
 @dataclass(frozen=True)
 class Camera:
-    """A fixed camera.
+    """A camera has a fixed place, a fixed direction and one lens.
 
     `K` (3, 3) is its camera matrix in pixels. A world point X (metres) is `R @ X + t` in camera axes, with
     `R` (3, 3) and `t` (3,). World z points up and the ground is at z = 0.
@@ -206,12 +215,12 @@ class Camera:
 
     @property
     def position(self) -> np.ndarray:
-        """The camera's centre (3,) in the world, metres."""
+        """Return the camera's centre (3,) in the world, metres."""
         return -self.R.T @ self.t
 
 
 def camera(subsequence: Subsequence, seed: int = 0) -> Camera:
-    """The lens of the scene on the mount of this flight.
+    """Return the lens of the scene on the mount of this flight.
 
     The mount is 2 to 8 m high, tilted between 25° down and 40° up, with at most 2° of roll.
     """
@@ -234,13 +243,13 @@ def camera(subsequence: Subsequence, seed: int = 0) -> Camera:
 
 
 def reach(drone: Drone) -> float:
-    """Metres from the drone's centre to its farthest propeller tip or corner."""
+    """Return the distance in metres from the drone's centre to its farthest propeller tip or corner."""
     tips = np.linalg.norm(drone.hubs, axis=1).max() + drone.propeller_radius
     return max(tips, np.linalg.norm(drone.body_mm) / 2000)
 
 
 class _Airspace:
-    """Where a drone may be: wholly in the frame, 1.5 to 8 m away and above the ground.
+    """An airspace holds where a drone may be: wholly in the frame, 1.5 to 8 m away and above the ground.
 
     This is an intersection of half-spaces and a ball, hence convex: a straight line or a B-spline between
     points inside stays inside, so no flight ever has to be checked or thrown away.
@@ -260,14 +269,14 @@ class _Airspace:
         self.camera = camera
 
     def contains(self, p: np.ndarray) -> bool:
-        """Whether a drone centred at `p` (3,), camera axes, is inside."""
+        """Return whether a drone centred at `p` (3,), camera axes, is inside."""
         height = (self.camera.R.T @ (p - self.camera.t))[2]
         in_frame = (self.normals @ p >= self.margin).all()
         in_range = p[2] >= NEAREST and np.linalg.norm(p) <= FARTHEST
         return bool(in_frame and in_range and height >= 0.3 + self.margin)
 
     def sample(self, rng: np.random.Generator) -> np.ndarray:
-        """A point (3,) in camera axes: uniform in the picture, log-uniform in depth.
+        """Return a point (3,) in camera axes, drawn uniformly in the picture and log-uniformly in depth.
 
         A depth drawn this way makes near views no rarer than far ones.
         """
@@ -280,7 +289,7 @@ class _Airspace:
 
 
 def _linear(rng: np.random.Generator, airspace: _Airspace, seconds: float, times: np.ndarray) -> Trajectory:
-    """A straight line, either at constant speed or from rest to rest.
+    """Return a straight line, either at constant speed or from rest to rest.
 
     From rest to rest it follows a quintic, so that the acceleration does not jump.
     """
@@ -300,7 +309,7 @@ def _linear(rng: np.random.Generator, airspace: _Airspace, seconds: float, times
 
 
 def _spline(control: np.ndarray, seconds: float, times: np.ndarray) -> Trajectory:
-    """A uniform cubic B-spline over `seconds`, with its derivatives, at `times`."""
+    """Return a uniform cubic B-spline over `seconds`, with its derivatives, at `times`."""
     spacing = seconds / (len(control) - 3)
     knots = spacing * np.arange(-3, len(control) + 1)
     curve = BSpline(knots, control, 3)
@@ -310,7 +319,7 @@ def _spline(control: np.ndarray, seconds: float, times: np.ndarray) -> Trajector
 def _wandering(
     rng: np.random.Generator, airspace: _Airspace, seconds: float, times: np.ndarray
 ) -> Trajectory:
-    """A B-spline through a walk towards ever new goals, up to 1.6 m every 0.8 s.
+    """Return a B-spline through a walk towards ever new goals, up to 1.6 m every 0.8 s.
 
     Speeds reach 2 m/s and accelerations half of gravity.
     """
@@ -327,7 +336,7 @@ def _wandering(
 
 
 def _yaw(rng: np.random.Generator, seconds: float, times: np.ndarray) -> np.ndarray:
-    """Headings (F,) in radians, free of the direction of travel.
+    """Return headings (F,) in radians that are free of the direction of travel.
 
     They follow a B-spline that turns up to 80° every 0.8 s.
     """
@@ -339,7 +348,7 @@ def _yaw(rng: np.random.Generator, seconds: float, times: np.ndarray) -> np.ndar
 
 @dataclass(frozen=True)
 class Flight:
-    """The camera of a flight and the drone's pose in every frame.
+    """A flight has a camera and the drone's pose in every frame.
 
     `R` (F, 3, 3) is camera←body and `t` (F, 3) the drone's position in the camera frame, metres. `world_R`
     and `world_t` are the same in world axes.
@@ -353,7 +362,7 @@ class Flight:
 
 
 def attitude(acceleration: np.ndarray, velocity: np.ndarray, yaw: np.ndarray) -> np.ndarray:
-    """World←body rotations (F, 3, 3) of a quadrotor that follows a path.
+    """Return world←body rotations (F, 3, 3) of a quadrotor that follows a path.
 
     Its thrust points along body z and must carry the weight, the acceleration and the drag, so the drone
     tilts into both. Yaw is free.
@@ -371,7 +380,10 @@ def attitude(acceleration: np.ndarray, velocity: np.ndarray, yaw: np.ndarray) ->
 
 
 def fly(subsequence: Subsequence, seed: int = 0) -> Flight:
-    """The whole flight of a subsequence: its camera and the drone's pose in every frame (30 a second)."""
+    """Return the whole flight of a subsequence.
+
+    It holds the camera and the drone's pose in every frame (30 a second).
+    """
     scene, drone = SCENES[subsequence.scene], DRONES[subsequence.drone]
     cam = camera(subsequence, seed)
     rng = subsequence.generator(seed, "flight")

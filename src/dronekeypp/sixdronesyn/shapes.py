@@ -1,4 +1,4 @@
-"""Small closed surfaces to build a drone from: lofts, beams, lathes and blocks.
+"""This module makes small closed surfaces to build a drone from: lofts, beams, lathes and blocks.
 
 Lengths are millimetres here, because that is how a drone is measured; `merge` turns them into metres. Every
 builder returns a `Part` whose faces look outward. Its normals are smooth within a surface and split along
@@ -18,7 +18,7 @@ AXES = "xyz"
 
 @dataclass(frozen=True)
 class Part:
-    """A coloured triangle surface of P points and F faces.
+    """A part is a coloured triangle surface of P points and F faces.
 
     `points` and `normals` are (P, 3), `faces` (F, 3), `rgb` (P, 3) uint8, and `gloss` (P,) runs from 0 (matt)
     to 1 (like a mirror).
@@ -32,7 +32,7 @@ class Part:
 
 
 def as_polydata(points: np.ndarray, faces: np.ndarray) -> pv.PolyData:
-    """Triangles (F, 3) over points (P, 3) as a PolyData."""
+    """Return triangles (F, 3) over points (P, 3) as a PolyData."""
     cells = np.empty((len(faces), 4), np.int64)
     cells[:, 0] = 3
     cells[:, 1:] = faces
@@ -40,9 +40,10 @@ def as_polydata(points: np.ndarray, faces: np.ndarray) -> pv.PolyData:
 
 
 def _part(points: np.ndarray, faces: np.ndarray, rgb: RGB, gloss: float, crease: float = 38.0) -> Part:
-    """A part of one colour: its faces are turned outward and faces without area are dropped.
+    """Return a part of one colour.
 
-    Normals are split where two faces meet at more than `crease` degrees.
+    Its faces are turned outward, and faces without area are dropped. Normals are split where two faces meet
+    at more than `crease` degrees.
     """
     corners = points[faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
@@ -67,7 +68,10 @@ def _part(points: np.ndarray, faces: np.ndarray, rgb: RGB, gloss: float, crease:
 
 
 def _tube(rings: np.ndarray, rgb: RGB, gloss: float, crease: float = 38.0) -> Part:
-    """The skin over `rings` (R, A, 3): R rings of A points. A fan around its middle closes each end."""
+    """Return the skin over `rings` (R, A, 3), which are R rings of A points.
+
+    A fan around its middle closes each end.
+    """
     count, around = rings.shape[:2]
     points = np.concatenate([rings.reshape(-1, 3), rings[[0, -1]].mean(axis=1)])
     k = np.arange(around)
@@ -85,7 +89,7 @@ def _tube(rings: np.ndarray, rgb: RGB, gloss: float, crease: float = 38.0) -> Pa
 
 
 def _oval(around: int, exponent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """`around` points on each superellipse |a|^n + |b|^n = 1, for the exponents n (..., 1).
+    """Return `around` points on each superellipse |a|^n + |b|^n = 1, for the exponents n (..., 1).
 
     An exponent of 2 gives an ellipse, 5 a box with round corners, where its points crowd.
     """
@@ -97,7 +101,7 @@ def _oval(around: int, exponent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def hull(
     stations: Sequence[Sequence[float]], rgb: RGB, rings: int = 22, around: int = 24, gloss: float = 0.25
 ) -> Part:
-    """A fuselage lofted along x.
+    """Return a fuselage lofted along x.
 
     Each station is (x, half width, z bottom, z widest, z top, exponent bottom, exponent top). Between the
     stations every number follows a monotone cubic, so the skin has no waves. Rings lie closer together where
@@ -126,7 +130,7 @@ def beam(
     gloss: float = 0.25,
     round_end: float = 0.5,
 ) -> Part:
-    """A tapered bar with round ends.
+    """Return a tapered bar with round ends.
 
     Args:
         path: (n, 3), the knots of its middle line.
@@ -134,8 +138,8 @@ def beam(
         rgb: its colour.
         up: the direction that the half height is measured along.
         along, around: number of rings, and of points on each.
-        exponent: of the cross-section, see `_oval`.
-        gloss: 0 (matt) to 1.
+        exponent: that of the cross-section, see `_oval`.
+        gloss: from 0 (matt) to 1 (like a mirror).
         round_end: how far each end bulges, as a share of the smaller half size there.
     """
     table = np.concatenate([np.asarray(path, float), np.asarray(size, float)], 1)
@@ -166,7 +170,7 @@ def beam(
 
 
 def frame(axis: Sequence[float]) -> np.ndarray:
-    """A (3, 3) rotation that takes z to `axis` (any length)."""
+    """Return a (3, 3) rotation that takes z to `axis` (any length)."""
     z = np.asarray(axis, float) / np.linalg.norm(axis)
     helper = np.array([1.0, 0, 0]) if abs(z[0]) < 0.8 else np.array([0, 1.0, 0])
     x = helper - z * (helper @ z)
@@ -182,7 +186,10 @@ def lathe(
     segments: int = 16,
     gloss: float = 0.3,
 ) -> Part:
-    """A `profile` of (radius, height) turned about `axis` through `at`. Both ends are closed."""
+    """Return a `profile` of (radius, height) turned about `axis` through `at`.
+
+    Both ends are closed.
+    """
     angle = np.arange(segments) * (2 * np.pi / segments)
     circle = np.stack([np.cos(angle), np.sin(angle)], -1)
     rings = []
@@ -201,9 +208,10 @@ def block(
     gloss: float = 0.3,
     around: int = 16,
 ) -> Part:
-    """A box with round corners and edges, of half sizes `half`, centred at `at` and rotated by `turn` (3, 3).
+    """Return a box with round corners and edges.
 
-    `soft` is the share of its smallest half size that the rounded ends take.
+    It has the half sizes `half`, is centred at `at` and rotated by `turn` (3, 3). `soft` is the share of its
+    smallest half size that the rounded ends take.
     """
     hx, hy, hz = half
     edge = soft * min(half)
@@ -223,20 +231,21 @@ def block(
 
 
 def moved(part: Part, turn: np.ndarray, at: Sequence[float] = (0, 0, 0)) -> Part:
-    """The part rotated by `turn` (3, 3), then shifted by `at`."""
+    """Return the part rotated by `turn` (3, 3), then shifted by `at`."""
     return replace(part, points=part.points @ turn.T + np.asarray(at, float), normals=part.normals @ turn.T)
 
 
 def mirrored(part: Part) -> Part:
-    """The part on the other side of the drone (y becomes -y)."""
+    """Return the part on the other side of the drone (y becomes -y)."""
     flip = np.array([1.0, -1.0, 1.0])
     return replace(part, points=part.points * flip, normals=part.normals * flip, faces=part.faces[:, ::-1])
 
 
 def _sliced(part: Part, faces: np.ndarray, axis: int, value: float) -> Part:
-    """The part with some of its faces cut along the plane where coordinate `axis` equals `value`.
+    """Return the part, cut along the plane where coordinate `axis` equals `value`.
 
-    `faces` (F,) bool says which faces may be cut. A face that crosses the plane becomes three triangles.
+    Only some faces are cut: `faces` (F,) bool says which. A face that crosses the plane becomes three
+    triangles.
     """
     above = part.points[:, axis][part.faces] > value  # (F, 3): corners beyond the plane
     count = above.sum(axis=1)
@@ -268,7 +277,7 @@ def _sliced(part: Part, faces: np.ndarray, axis: int, value: float) -> Part:
 
 
 def painted(part: Part, rgb: RGB, gloss: float | None = None, **bounds: tuple[float, float]) -> Part:
-    """The part with the surface inside a box in another colour, and another gloss if it is given.
+    """Return the part with the surface inside a box in another colour, and another gloss if it is given.
 
     `bounds` are `x`, `y`, `z` = (low, high), any of them. The border of the colour is sharp, because
     triangles are cut along the border of the box.
@@ -302,7 +311,7 @@ def painted(part: Part, rgb: RGB, gloss: float | None = None, **bounds: tuple[fl
 def on_surface(
     part: Part, start: Sequence[float], direction: Sequence[float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where a ray from inside the part leaves it, and the unit normal of the surface there, (3,) each.
+    """Return where a ray from inside the part leaves it, and the unit normal of the surface there, (3,) each.
 
     It serves to set an eye or a light flush. The intersection is Möller and Trumbore's.
     """
@@ -327,7 +336,7 @@ def on_surface(
 
 
 def merge(parts: Sequence[Part]) -> pv.PolyData:
-    """All parts as one PolyData in metres.
+    """Return all parts as one PolyData in metres.
 
     Its point arrays are `Normals` and `specular` (float32) and `rgb` (uint8). Points that no face uses are
     dropped.

@@ -1,4 +1,4 @@
-"""Proves a data set of 6DroneSyn sound, or names each fault by file and frame."""
+"""This module proves a data set of 6DroneSyn sound, or names each fault by file and frame."""
 
 from __future__ import annotations
 
@@ -58,12 +58,12 @@ def validate(root: str | Path, progress: bool = False) -> list[str]:
 
 
 def frame_faults(frame: bop.Frame, hubs: np.ndarray | None = None) -> list[str]:
-    """What is geometrically wrong with one frame of 6DroneSyn, in short sentences.
+    """Return what is geometrically wrong with one frame of 6DroneSyn, in short sentences.
 
     Args:
-        frame: with all of its fields.
-        hubs: (4, 3) of its drone, body axes, metres. None: those of the seven, whose numbers are 1 to 7; a
-            drone that is none of the seven is then not compared with its hubs.
+        frame: the frame, with all of its fields.
+        hubs: (4, 3) of its drone, body axes, metres. None takes those of the seven, whose numbers are 1 to 7;
+            a drone that is none of the seven is then not compared with its hubs.
     """
     faults = []
     if hubs is None and frame.obj_id <= len(SEVEN):
@@ -92,7 +92,7 @@ def frame_faults(frame: bop.Frame, hubs: np.ndarray | None = None) -> list[str]:
 
 
 class _Validation:
-    """The faults of a data set that were found so far, and what the next checks need.
+    """This class collects the faults of a data set, and what the next checks need.
 
     Each method adds to `faults`. `splits` comes after all flights.
     """
@@ -110,7 +110,10 @@ class _Validation:
         self.models = self._read_models()
 
     def _read_models(self) -> dict[int, DroneClass]:
-        """The drones by number; {} if they cannot be read, which is a fault once generate has finished."""
+        """Return the drones by number, or {} if they cannot be read.
+
+        A file that cannot be read is a fault. A missing one is a fault once generate has finished.
+        """
         try:
             models = bop.read_models(self.root)
         except InputError as error:
@@ -122,7 +125,11 @@ class _Validation:
         return models
 
     def plan(self) -> None:
-        """Every planned flight is there once, in the split that Table 2 gives it, and no other flight is."""
+        """Check that each planned flight is there once, and no other flight is.
+
+        Each flight must lie in the split that Table 2 gives it. It is a fault, too, if generate has not
+        finished.
+        """
         places: dict[str, list[str]] = defaultdict(list)
         for split, folder in self.flights:
             places[folder.name].append(split)
@@ -143,7 +150,7 @@ class _Validation:
             self.faults.append(f"{path}: generate has not finished; run it again, it resumes")
 
     def flight(self, split: str, folder: Path) -> None:
-        """The frames of a flight are those planned, and each is sound."""
+        """Check that the frames of a flight are those planned, and that each is sound."""
         try:
             entries = bop.read_entries(folder)
             about = bop.read_json(folder / "flight.json")
@@ -180,7 +187,7 @@ class _Validation:
     def _has_annotation(
         self, folder: Path, number: int, camera: dict | None, truths: list[dict], infos: list[dict]
     ) -> bool:
-        """Whether each scene file says something of a frame, and of one drone."""
+        """Return whether each scene file says something of a frame, and of one drone only."""
         for name, objects in zip(bop.SCENE_FILES, ([camera], truths, infos), strict=True):
             if not objects or objects[0] is None:
                 self.faults.append(
@@ -193,7 +200,10 @@ class _Validation:
         return True
 
     def _annotation(self, folder: Path, number: int, entry: tuple[dict, dict, dict], digest: str) -> None:
-        """The (camera, truth, info) of a frame has all fields and its digest, and is geometrically sound."""
+        """Check that a frame's annotation has all fields and its digest, and is geometrically sound.
+
+        `entry` is the frame's (camera, truth, info).
+        """
         if annotation_digest(entry) != digest:
             self.faults.append(
                 f"{folder} frame {number}: the annotation is not the one that was generated "
@@ -215,7 +225,7 @@ class _Validation:
             self.faults.append(f"{folder / bop.SCENE_FILES[1]} frame {number}: {fault}")
 
     def _image(self, path: Path, digest: str) -> None:
-        """An image can be read, is the one that was generated, and has the size of the settings."""
+        """Check that an image can be read, is the generated one, and has the size of the settings."""
         try:
             image = read_image(path, digest)
         except InputError as error:
@@ -228,7 +238,7 @@ class _Validation:
             self.faults.append(f"{path}: {width}×{height} pixels instead of {expected[0]}×{expected[1]}")
 
     def splits(self) -> None:
-        """No image and, where there are enough of them, no environment is in two splits."""
+        """Check that no image and, where there are enough of them, no environment is in two splits."""
         for image, places in self.images.items():
             if len({split for split, _ in places}) > 1:
                 self.faults.append(
@@ -241,7 +251,7 @@ class _Validation:
                 self.faults.append(f"{self.root}: environment {environment} is in two splits, {a} and {b}")
 
     def totals(self) -> None:
-        """The manifest's own list, counts and digests are those of the flights on disk."""
+        """Check that the manifest's own list, counts and digests are those of the flights on disk."""
         if "flights" not in self.manifest or len(self.digests) < len(self.flights):
             return  # not finished, or a flight is there twice or cannot be read: that is named elsewhere
         flights = {}
@@ -256,7 +266,7 @@ class _Validation:
                 )
 
     def coco(self) -> None:
-        """Each COCO file lists as many images as the manifest counts."""
+        """Check that each COCO file lists as many images as the manifest counts."""
         for split, count in self.manifest.get("frames", {}).items():
             path = self.root / f"coco_{split}.json"
             if not count:
@@ -274,7 +284,11 @@ class _Validation:
 
 
 def _read_digests(path: Path, about: Any) -> dict[str, list[str]]:
-    """{frame: [digest of its image, of its annotation]} of a flight.json. Raises InputError without them."""
+    """Return {frame: [digest of its image, of its annotation]} of a flight.json.
+
+    Raises:
+        InputError: the file has no digests.
+    """
     digests = about.get("digests") if isinstance(about, dict) else None
     pairs = digests.values() if isinstance(digests, dict) else [None]
     for pair in pairs:

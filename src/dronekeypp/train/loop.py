@@ -27,6 +27,7 @@ from tqdm import tqdm
 
 from dronekeypp import data
 from dronekeypp.augment import mirrored
+from dronekeypp.classes import are_named
 from dronekeypp.errors import InputError
 from dronekeypp.evaluate import apply_model, evaluate, measure, to_device
 from dronekeypp.model import PoseNetwork, loss_weights, total_loss
@@ -130,12 +131,27 @@ def check_sets(model: PoseNetwork, train_set: Dataset, val_set: Dataset, config:
     for name, dataset in (("training", train_set), ("validation", val_set)):
         if len(dataset) == 0:
             raise InputError(f"the {name} set has no frames; were its scenes generated?")
-    needed = dict.fromkeys((*model.learns_from, *model.truth_inputs))
-    data.require(train_set, tuple(needed), f"training {model.method}")
-    data.require(val_set, data.EVALUATED, "the validation")
+    needed = (*model.learns_from, *model.truth_inputs)
+    data.require(train_set, needed, f"training {model.method}")
+    data.require(val_set, (*needed, *data.EVALUATED), f"the validation of {model.method}")
     if config.mirror:
         data.require(train_set, data.MIRRORED, "mirror")
-        data.check_symmetric(data.drones_of(train_set) or (), "mirror")
+
+
+def prepare(state: TrainState, train_set: Dataset) -> None:
+    """Let the network look at the truth of some training frames before the first step, once.
+
+    Raises:
+        InputError: the network cannot learn from it, or frames are to be mirrored whose drone is not its own
+            mirror image.
+    """
+    if state.prepared or state.epoch > 0:
+        return
+    annotations = data.read_annotations(spaced(train_set, PREPARED_ON))
+    if state.config.mirror:
+        data.check_mirror(annotations, data.drones_of(train_set))
+    state.model.prepare(annotations)
+    state.prepared = True
 
 
 def fit(
@@ -166,6 +182,9 @@ def fit(
             not finite (the message names the epoch, the batch and, if it can, the frame).
     """
     check_sets(model, train_set, val_set, config)
+    drones = data.drones_of(train_set)
+    if drones is not None and not are_named(model.drones):
+        model.know(drones)
     rank, world = (dist.get_rank(), dist.get_world_size()) if dist.is_initialized() else (0, 1)
     device, started = choose_device(config), time.monotonic()
     model.to(device)
@@ -173,8 +192,7 @@ def fit(
         model.backbone.bfloat16 = config.precision == "bfloat16"
     if state is None:
         state = TrainState(model, config)
-    if state.epoch == 0:
-        model.prepare(data.read_annotations(spaced(train_set, PREPARED_ON)))
+    prepare(state, train_set)
     if config.batch % world:
         raise InputError(
             f"batch={config.batch} cannot be shared by {world} processes; choose a multiple of {world}"

@@ -34,7 +34,7 @@ from dronekeypp.model import DroneKeyPP, PoseNetwork
 from dronekeypp.model.backbone import find_weights
 from dronekeypp.presets import TrainConfig
 from dronekeypp.settings import Settings
-from dronekeypp.train.loop import choose_device, fit
+from dronekeypp.train.loop import check_sets, choose_device, fit, prepare
 from dronekeypp.train.state import TrainState, check_settings, run_settings
 
 LAST, METRICS = "last.safetensors", "metrics.csv"
@@ -76,6 +76,12 @@ def train(
         dataset_root, "train", size=size, augment=config.augment, degrade=config.degrade, seed=config.seed
     )
     val_set = data.open_dataset(dataset_root, "val", size=size)
+    for dataset in (train_set, val_set):
+        if progress and dataset.left_out:
+            print(
+                f"{dataset_root} {dataset.split}: {dataset.left_out} drones left out, "
+                "the middle of whose box is not in the picture"
+            )
     drones = len(train_set.drones)
     if hasattr(model_config, "classes"):
         if "classes" in (overrides or {}) and model_config.classes != drones:
@@ -110,19 +116,29 @@ def train_on(
     with process_group(config), contextlib.ExitStack() as held:
         described = describe_data(train_set, val_set)
         described["backbone_digest"] = weights_digest(model_config)
+        settings = run_settings(network.method, model_config, config, described)
         main = not dist.is_initialized() or dist.get_rank() == 0
         if main:
-            prepare_folder(out, run_settings(network.method, model_config, config, described), resume)
-            held.enter_context(lock_folder(out))
-        if dist.is_initialized():
-            dist.barrier()
-        torch.manual_seed(config.seed)  # the network's first weights
+            check_folder(out, settings, resume)
         resuming = resume and (out / LAST).is_file()
+        torch.manual_seed(config.seed)  # the network's first weights
         model = network(model_config, load_backbone=not resuming).to(choose_device(config))
         drones = data.drones_of(train_set)
         if drones is not None:
             model.know(drones)
         state = TrainState(model, config, described)
+        check_sets(model, train_set, val_set, config)
+        if not resuming:
+            prepare(state, train_set)  # what cannot be learned from leaves no folder behind
+        if main:
+            out.mkdir(parents=True, exist_ok=True)
+            held.enter_context(lock_folder(out))
+            remove_unfinished(out)
+            remove_unfinished(out / BEST)
+            if not (out / CONFIG).is_file():
+                write_beside(out / CONFIG, (json.dumps(settings, indent=2) + "\n").encode())
+        if dist.is_initialized():
+            dist.barrier()
         if resuming:
             state.load(out / LAST)
             if main and state.history:  # a kill may have come between the state and its row
@@ -142,16 +158,16 @@ def train_on(
 
 
 def describe_data(train_set: Dataset, val_set: Dataset) -> dict[str, Any]:
-    """Return what a run must find again to be resumed.
+    """Return what a run must find again when it is resumed.
 
-    It is the numbers of frames, the digest of their manifest (None without one), and the number of processes.
+    It is the numbers of frames, the digest of the training data (None where they have none), and the number
+    of processes.
     """
-    manifest_digest = getattr(train_set, "manifest", {}).get("digest")
     processes = dist.get_world_size() if dist.is_initialized() else 1
     return {
         "train_frames": len(train_set),
         "val_frames": len(val_set),
-        "digest": manifest_digest,
+        "digest": getattr(train_set, "digest", None),
         "processes": processes,
     }
 
@@ -167,15 +183,12 @@ def weights_digest(config: Settings) -> str | None:
     return digest(find_weights(weights).read_bytes())
 
 
-def prepare_folder(out: Path, settings: dict, resume: bool) -> None:
-    """Make the run folder, or check that it is the one to go on with.
+def check_folder(out: Path, settings: dict, resume: bool) -> None:
+    """Check that a run can be begun in a folder or, with `resume`, go on there.
 
     Raises:
-        InputError: the folder is not empty and not to be resumed, or it belongs to other settings.
+        InputError: it holds something else, or a run with other settings or of other data.
     """
-    if resume:
-        remove_unfinished(out)
-        remove_unfinished(out / BEST)
     if resume and (out / CONFIG).is_file():
         old = read_json(out / CONFIG, mend="start again in another folder")
         check_settings(old, settings, out / CONFIG)
@@ -183,8 +196,6 @@ def prepare_folder(out: Path, settings: dict, resume: bool) -> None:
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         mend = "choose another folder" if resume else "add --resume to go on, or choose another folder"
         raise InputError(f"{out} is not empty{' and not a run' if resume else ''}: {mend}")
-    out.mkdir(parents=True, exist_ok=True)
-    write_beside(out / CONFIG, (json.dumps(settings, indent=2) + "\n").encode())
 
 
 def to_csv(history: list[dict[str, Any]]) -> str:

@@ -42,6 +42,7 @@ class TrainState:
         self.history: list[dict[str, Any]] = []
         self.best_score = math.inf
         self.is_best = False  # the epoch just finished is the best so far
+        self.prepared = False  # the network has seen the truth of training frames, see `loop.prepare`
 
     def _names(self) -> list[str]:
         """Return the names of the parameters in Adam's order."""
@@ -85,9 +86,10 @@ class TrainState:
             for key, value in tensors.items():
                 part, _, name = key.partition("/")
                 if part == "model":
-                    weights[name] = value
+                    weights[checkpoint.name_of_today(name, self.model.method)] = value
                 elif part == "adam":
                     parameter, _, moment = name.partition("/")
+                    parameter = checkpoint.name_of_today(parameter, self.model.method)
                     # Use the memory layout of the weight: sums in another order differ in the last bit.
                     like = parameters[parameter] if value.dim() else value
                     copied = torch.empty_like(like).copy_(value).detach()
