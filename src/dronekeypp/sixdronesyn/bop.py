@@ -1,4 +1,4 @@
-"""The on-disk format: BOP's folders and field names, plus the four keypoints.
+"""Read and write the on-disk format: BOP's folders and field names, plus the four keypoints.
 
     ROOT/manifest.json                      6DroneSyn only: settings, versions, a digest a frame
     ROOT/coco_train.json, …                 COCO-keypoints, in pixels of the stored images (see `coco`)
@@ -42,7 +42,7 @@ INVISIBLE = [-1, -1, -1, -1]  # BOP's bbox_obj of an object that is not in the p
 
 @dataclass(frozen=True)
 class Frame:
-    """One drone in one frame: its annotation, in metres and full-frame pixels.
+    """This is the annotation of one drone in one frame, in metres and full-frame pixels.
 
     Attributes:
         number: of the frame in its flight.
@@ -71,7 +71,7 @@ class Frame:
     square: np.ndarray | None
 
     def to_bop(self) -> tuple[dict, dict, dict]:
-        """The frame's entries in the three scene files: (camera, truth, info).
+        """Return the frame's entries in the three scene files: (camera, truth, info).
 
         No field but `square` may be None.
         """
@@ -100,7 +100,7 @@ class Frame:
 
 
 def numbers(array: np.ndarray, digits: int = 4) -> list[float]:
-    """An array as a flat list of rounded numbers."""
+    """Return an array as a flat list of rounded numbers."""
     return [round(float(v), digits) for v in np.asarray(array).ravel()]
 
 
@@ -110,7 +110,7 @@ def frames_from(
     models: Mapping[int, DroneClass] | None = None,
     size: tuple[int, int] | None = None,
 ) -> list[Frame]:
-    """Frames from what the scene files of a flight say of each: (number, camera, truth, info).
+    """Make frames from what the scene files of a flight say of each: (number, camera, truth, info).
 
     Keypoints that are not there follow from the pose and the hubs of `models`, where both are known.
 
@@ -176,7 +176,11 @@ def frames_from(
 
 
 def _object_id(entry: dict, models: Mapping[int, DroneClass] | None, where: str) -> int:
-    """The drone's number in an entry of scene_gt.json. Raises InputError beginning with `where`."""
+    """Return the drone's number in an entry of scene_gt.json.
+
+    Raises:
+        InputError: it is not a number, or not one of `models`. The message begins with `where`.
+    """
     number = entry.get("obj_id")
     if type(number) is not int or number < 1:
         raise InputError(f"{where}: obj_id {number!r} is not a number from 1 on")
@@ -186,7 +190,7 @@ def _object_id(entry: dict, models: Mapping[int, DroneClass] | None, where: str)
 
 
 def _ranges(models: Mapping[int, DroneClass]) -> str:
-    """The numbers of the drones, for a message."""
+    """Return the numbers of the drones, for a message."""
     known = sorted(models)
     if known == list(range(1, len(known) + 1)):
         return f"1 to {len(known)}"
@@ -194,7 +198,7 @@ def _ranges(models: Mapping[int, DroneClass]) -> str:
 
 
 def _boxes(instances: Instances, size: tuple[int, int] | None) -> tuple[np.ndarray, np.ndarray | None]:
-    """The boxes (F, 4) and the squares (F, 3) of stored crops, or None for whole frames.
+    """Return the boxes (F, 4), and the squares (F, 3) of stored crops or None for whole frames.
 
     The middle of a box must lie in what is stored: in the crop, or in the frame of `size` (width, height).
     """
@@ -219,7 +223,7 @@ def _boxes(instances: Instances, size: tuple[int, int] | None) -> tuple[np.ndarr
 def _placed_hubs(
     obj_ids: Sequence[int], models: Mapping[int, DroneClass] | None, R: np.ndarray, t: np.ndarray
 ) -> np.ndarray | None:
-    """The hubs (F, 4, 3) in camera axes, from the poses; None where the hubs of a drone are not known."""
+    """Return the hubs (F, 4, 3) in camera axes, or None where those of a drone are not known."""
     if models is None:
         return None
     hubs = [models[number].hubs for number in obj_ids]
@@ -229,7 +233,11 @@ def _placed_hubs(
 
 
 def read_json(path: str | Path) -> Any:
-    """Read a JSON file of a data set. Raises InputError naming the file if it is missing or not JSON."""
+    """Read a JSON file of a data set.
+
+    Raises:
+        InputError: it is missing or not JSON. The message names the file.
+    """
     missing = "missing; is this a data set, and did `python -m dronekeypp generate` finish it?"
     if Path(path).name in SCENE_FILES:
         missing = f"missing; a flight has {', '.join(SCENE_FILES)}"
@@ -294,7 +302,7 @@ def read_flight(
 
 
 def read_entries(folder: Path) -> dict[int, tuple[dict | None, list[dict], list[dict]]]:
-    """{frame number: (camera, truths, infos)} of one flight folder, in order.
+    """Return {frame number: (camera, truths, infos)} of one flight folder, in order.
 
     `truths` and `infos` hold an entry for each drone. Where a file lacks the frame, or holds something else
     there, `camera` is None and the lists are empty.
@@ -315,7 +323,7 @@ def read_entries(folder: Path) -> dict[int, tuple[dict | None, list[dict], list[
 
 
 def _read_table(path: Path, kind: str) -> dict[int, Any]:
-    """What a JSON file says of each frame or each object (`kind`, in the plural), by its number."""
+    """Return what a JSON file says of each frame or object (`kind`, in the plural), by number."""
     table = read_json(path)
     if not isinstance(table, dict) or not all(key.isdecimal() and len(key) < 19 for key in table):
         raise InputError(f"{path}: not a table of {kind}")
@@ -323,24 +331,24 @@ def _read_table(path: Path, kind: str) -> dict[int, Any]:
 
 
 def _objects(entries: Any) -> list[dict]:
-    """The objects of a frame; [] unless they are a list of dicts."""
+    """Return the objects of a frame, or [] unless they are a list of dicts."""
     if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
         return []
     return entries
 
 
 def image_path(folder: str | Path, number: int) -> Path:
-    """Where the picture of a frame of 6DroneSyn is stored."""
+    """Return the path of the picture of a frame of 6DroneSyn."""
     return Path(folder) / "rgb" / f"{number:06d}.jpg"
 
 
 def flight_folders(root: str | Path, split: str) -> list[Path]:
-    """The finished flights of a split of 6DroneSyn, in order."""
+    """Return the finished flights of a split of 6DroneSyn, in order."""
     return sorted(path for path in (Path(root) / split).glob("[0-9]" * 6) if path.is_dir())
 
 
 def read_models(root: str | Path) -> dict[int, DroneClass]:
-    """The drones of a data set by their object number, from models/models_info.json; {} where there is none.
+    """Return the drones of a data set by object number, from models_info.json; {} where there is none.
 
     Raises:
         InputError: the file is not a table of objects, two of them have one name, or the keypoints of one are

@@ -1,4 +1,4 @@
-"""Which files belong to a split of a data set on disk, and their pictures."""
+"""Find the flights and the pictures of a split of a data set on disk."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ IMAGES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 
 
 def find_flights(root: Path, split: str, manifest: dict[str, Any]) -> dict[Path, set[int] | None]:
-    """The flight folders of a split, in order, and which of their frames belong to it (None: all).
+    """Return the flight folders of a split, in order, and which of their frames belong to it (None: all).
 
     Of 6DroneSyn they are those that its manifest plans. Of any other folder they are those that
     ROOT/SPLIT.txt lists, or those in ROOT/SPLIT.
@@ -44,7 +44,11 @@ def find_flights(root: Path, split: str, manifest: dict[str, Any]) -> dict[Path,
 
 
 def read_manifest(root: Path) -> dict[str, Any]:
-    """The manifest of 6DroneSyn; {} of a folder without one. Raises InputError if it is something else."""
+    """Return the manifest of 6DroneSyn, or {} for a folder without one.
+
+    Raises:
+        InputError: manifest.json holds something else.
+    """
     path = root / "manifest.json"
     if not path.is_file():
         return {}
@@ -55,7 +59,11 @@ def read_manifest(root: Path) -> dict[str, Any]:
 
 
 def check_complete(root: Path, split: str, manifest: dict[str, Any]) -> None:
-    """Raise InputError unless every flight that 6DroneSyn's manifest plans for a split is there."""
+    """Check that every flight that 6DroneSyn's manifest plans for a split is there.
+
+    Raises:
+        InputError: one is missing.
+    """
     planned = [name for name in manifest["planned"] if split_of(name) == split]
     finished = bop.flight_folders(root, split)
     if len(finished) < len(planned):
@@ -66,13 +74,13 @@ def check_complete(root: Path, split: str, manifest: dict[str, Any]) -> None:
 
 
 def split_of(name: str) -> str | None:
-    """The split of a flight of 6DroneSyn, from its folder's name; None where it is no such name."""
+    """Return the split of a flight of 6DroneSyn by its folder's name, or None for any other name."""
     scene = scenes.SCENES.get(int(name) // 100) if name.isdecimal() else None
     return scene.split if scene else None
 
 
 def read_list(path: Path) -> dict[Path, set[int] | None]:
-    """The flights that a list of a split names, and which of their frames (None: all).
+    """Return the flights that a list of a split names, and which of their frames (None: all).
 
     Raises:
         InputError: a line names neither a flight folder nor a frame of one.
@@ -100,16 +108,20 @@ def read_list(path: Path) -> dict[Path, set[int] | None]:
 
 
 def check_listed(folder: Path, wanted: set[int], annotated: set[int]) -> None:
-    """Raise InputError if a list names a frame that its flight does not annotate."""
+    """Check that a flight annotates every frame that a list names.
+
+    Raises:
+        InputError: it does not.
+    """
     missing = sorted(wanted - annotated)
     if missing:
         raise InputError(f"{folder}: a list names frame {missing[0]}, and there is no drone in it")
 
 
 def unnamed_objects(root: Path) -> dict[int, DroneClass]:
-    """Return the objects of a data set without models_info.json by number, from all of its annotations.
+    """Return the objects of a data set without models_info.json, by number.
 
-    Flights lie in the data set's folder, or in a folder there.
+    They are those of all its annotations. Flights lie in the data set's folder, or in a folder there.
     """
     name = bop.SCENE_FILES[1]
     numbers: set[int] = set()
@@ -160,7 +172,7 @@ def frame_size(root: Path, folder: Path, images: dict[int, Path]) -> tuple[int, 
 
 
 def stored_images(folder: Path) -> dict[int, Path]:
-    """The image files of a flight by frame number, in order."""
+    """Return the image files of a flight by frame number, in order."""
     images = {}
     for path in sorted((folder / "rgb").glob("*")):
         if path.suffix.lower() in IMAGES and path.stem.isdecimal():
@@ -169,7 +181,7 @@ def stored_images(folder: Path) -> dict[int, Path]:
 
 
 def read_image(path: str | Path, digest: str | None = None) -> np.ndarray:
-    """An image file as (H, W, 3) uint8 RGB.
+    """Read an image file as (H, W, 3) uint8 RGB.
 
     Raises:
         InputError: missing, truncated or not an image, or another one than `digest` (of flight.json) says.

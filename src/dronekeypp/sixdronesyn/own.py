@@ -1,4 +1,4 @@
-"""Drones of your own beside the seven: a folder of NAME.json files, named by the variable DRONEKEYPP_DRONES.
+"""Read drones of your own: a folder of NAME.json files, named by the variable DRONEKEYPP_DRONES.
 
     {"name": "Racer", "mesh": "racer.stl", "mesh_unit": "mm", "hubs": [[0.08, 0.1, 0.02], ...],
      "propeller_diameter": 0.13, "mass": 0.4}
@@ -48,7 +48,7 @@ COLOURS = ("hull_rgb", "trim_rgb", "propeller_rgb", "tip_rgb")
 
 
 def read(taken: tuple[str, ...]) -> list[dict[str, Any]]:
-    """The fields of `Drone` for every file of the folder that VARIABLE names, in the order of the file names.
+    """Return the fields of `Drone` for every file of the folder that VARIABLE names, in order of names.
 
     Without the variable there are none. `taken` are the names of the seven.
 
@@ -75,7 +75,11 @@ def read(taken: tuple[str, ...]) -> list[dict[str, Any]]:
 
 
 def read_drone(path: Path) -> dict[str, Any]:
-    """The fields of one file. Raises InputError naming the file and what is wrong."""
+    """Return the fields of one file.
+
+    Raises:
+        InputError: a field is missing, unknown or impossible. The message names the file.
+    """
     given = read_json(path)
     if not isinstance(given, dict):
         raise InputError(f"{path}: not the fields of a drone but a {type(given).__name__}")
