@@ -82,7 +82,7 @@ def copy_frames(dataset: FrameDataset, chosen: list[int], folder: Path) -> None:
         rows = csv.writer(file)
         rows.writerow(("frame", "x", "y", "w", "h"))
         for number, i in enumerate(chosen):
-            shutil.copy(dataset.images[i], folder / "images" / f"{number}.jpg")
+            shutil.copy(dataset.stored[i].image, folder / "images" / f"{number}.jpg")
             rows.writerow((f"{number}.jpg", *dataset.frames[i].box))
 
 
