@@ -21,15 +21,15 @@ def _generate(args: Namespace) -> None:
 
     manifest = generate(
         args.out,
-        args.scenes,
-        args.drones,
-        args.frames,
-        args.size,
-        args.stride,
-        args.seed,
-        args.environments,
-        args.workers,
-        args.shard,
+        scene_numbers=args.scenes,
+        drone_names=args.drones,
+        frames=args.frames,
+        size=args.size,
+        stride=args.stride,
+        seed=args.seed,
+        environments=args.environments,
+        workers=args.workers,
+        shard=args.shard,
     )
     frames = manifest["frames"]
     counts = ", ".join(f"{count} {split}" for split, count in frames.items())
@@ -136,17 +136,82 @@ def _reproduce(args: Namespace) -> None:
 
     reproduce(
         args.name,
-        args.preset,
-        args.seeds,
-        parse_overrides(args.set),
-        args.data,
-        args.root,
-        args.stride,
-        args.environments,
-        args.photographs,
-        args.real,
-        args.workers,
+        preset=args.preset,
+        seeds=args.seeds,
+        overrides=parse_overrides(args.set),
+        data=args.data,
+        root=args.root,
+        stride=args.stride,
+        environments=args.environments,
+        photographs=args.photographs,
+        real=args.real,
+        workers=args.workers,
     )
+
+
+# A verb, what it does in the help, its arguments, and its function.
+VERBS: tuple[tuple[str, str, Callable[[ArgumentParser], None], Verb], ...] = (
+    (
+        "generate",
+        "render 6DroneSyn, or a part of it; run it again to resume",
+        arguments.generate,
+        _generate,
+    ),
+    (
+        "validate",
+        "prove a data set sound, or name each fault",
+        arguments.validate,
+        _validate,
+    ),
+    (
+        "pretrain",
+        "train a backbone on the training scenes, the stand-in for ImageNet weights",
+        arguments.pretrain,
+        _pretrain,
+    ),
+    (
+        "train",
+        "train DroneKey++, or a baseline",
+        arguments.train,
+        _train,
+    ),
+    (
+        "evaluate",
+        "measure a checkpoint: rotation, translation, class, keypoints",
+        arguments.evaluate,
+        _evaluate,
+    ),
+    (
+        "predict",
+        "poses of a drone in your own footage; run it again to resume",
+        arguments.predict,
+        _predict,
+    ),
+    (
+        "export",
+        "write DroneKey++ as one ONNX file (optional extra: onnx)",
+        arguments.export,
+        _export,
+    ),
+    (
+        "check",
+        "what the course needs of this machine: [ok], or [missing] with the mend",
+        arguments.check,
+        _check,
+    ),
+    (
+        "bench",
+        "frames a second, beside YOLOv8n-pose + PnP and two larger networks, in turn",
+        arguments.bench,
+        _bench,
+    ),
+    (
+        "reproduce",
+        "measure a table from nothing: render, train, evaluate, write; run it again to resume",
+        arguments.reproduce,
+        _reproduce,
+    ),
+)
 
 
 def parser() -> ArgumentParser:
@@ -159,31 +224,10 @@ def parser() -> ArgumentParser:
     )
     verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
 
-    def add(name: str, meaning: str, arguments_of: Callable[[ArgumentParser], None], run: Verb) -> None:
+    for name, meaning, add_arguments, run in VERBS:
         verb = verbs.add_parser(name, help=meaning)
-        arguments_of(verb)
+        add_arguments(verb)
         verb.set_defaults(run=run)
-
-    meaning = "render 6DroneSyn, or a part of it; run it again to resume"
-    add("generate", meaning, arguments.generate, _generate)
-    meaning = "prove a data set sound, or name each fault"
-    add("validate", meaning, arguments.validate, _validate)
-    meaning = "train a backbone on the training scenes, the stand-in for ImageNet weights"
-    add("pretrain", meaning, arguments.pretrain, _pretrain)
-    meaning = "train DroneKey++, or a baseline"
-    add("train", meaning, arguments.train, _train)
-    meaning = "measure a checkpoint: rotation, translation, class, keypoints"
-    add("evaluate", meaning, arguments.evaluate, _evaluate)
-    meaning = "poses of a drone in your own footage; run it again to resume"
-    add("predict", meaning, arguments.predict, _predict)
-    meaning = "write DroneKey++ as one ONNX file (optional extra: onnx)"
-    add("export", meaning, arguments.export, _export)
-    meaning = "what the course needs of this machine: [ok], or [missing] with the mend"
-    add("check", meaning, arguments.check, _check)
-    meaning = "frames a second, beside YOLOv8n-pose + PnP and two larger networks, in turn"
-    add("bench", meaning, arguments.bench, _bench)
-    meaning = "measure a table from nothing: render, train, evaluate, write; run it again to resume"
-    add("reproduce", meaning, arguments.reproduce, _reproduce)
     return top
 
 
