@@ -626,10 +626,10 @@ def test_one_image_from_the_command_line(footage, small, tmp_path, capsys, monke
     assert main(command) == 2 and "either --boxes FILE or --box" in capsys.readouterr().err
     assert main([*command, "--box", "1,2,3"]) == 2 and "write x,y,w,h" in capsys.readouterr().err
 
-    def stopped(args):
+    def stopped(*args, **settings):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("dronekeypp.cli._predict", stopped)
+    monkeypatch.setattr("dronekeypp.predict.predict", stopped)
     assert main([*command, "--box", "1,2,3,4"]) == 130 and capsys.readouterr().err == "stopped\n"
 
 
