@@ -163,7 +163,7 @@ def test_bad_input_says_so() -> None:
 
 @each
 def test_meshes_are_deterministic(name: str) -> None:
-    body, rebuilt = drone_mesh(name).body, shapes.merge(airframes.parts(name))
+    body, rebuilt = drone_mesh(name).body, shapes.merge(airframes.parts(DRONES[name]))
     assert drone_mesh(name) is meshes.drone_mesh(name)
     np.testing.assert_array_equal(rebuilt.points, body.points)
     np.testing.assert_array_equal(rebuilt.faces, body.faces)

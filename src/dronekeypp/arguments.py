@@ -47,6 +47,15 @@ def shard(text: str) -> tuple[int, int]:
         raise ArgumentTypeError(f"{text}: write I/N, for example 0/4") from None
 
 
+def interval(text: str) -> tuple[int, int]:
+    """Read a range A:B of numbers, such as "0:100", as (A, B)."""
+    try:
+        first, end = text.split(":")
+        return int(first), int(end)
+    except ValueError:
+        raise ArgumentTypeError(f"{text}: write A:B, for example 0:100") from None
+
+
 def box(text: str) -> tuple[float, float, float, float]:
     """Read a box x,y,w,h in pixels, such as "800,420,120,60"."""
     try:
@@ -64,6 +73,7 @@ def generate(p: ArgumentParser) -> None:
     frames = "the square around the drone, or 1920×1080"
     size = "side of a crop (default 128; whole frames ignore it)"
     environments = "your own equirectangular images (default: 22 procedural ones)"
+    quadrotors = "random quadrotors A to B − 1 in place of the seven drones (edition 2)"
     p.add_argument("out", type=Path)
     p.add_argument("--scenes", type=numbers, metavar="6,7", help="scene numbers, 1 to 13 (default: all)")
     p.add_argument("--drones", type=words, metavar="Mini2,Tello", help="drone names (default: all)")
@@ -74,6 +84,8 @@ def generate(p: ArgumentParser) -> None:
     p.add_argument("--environments", type=Path, metavar="DIR", help=environments)
     p.add_argument("--workers", type=int, default=1, metavar="N", help="processes")
     p.add_argument("--shard", type=shard, default=(0, 1), metavar="I/N", help="render only part I of N")
+    p.add_argument("--quadrotors", type=interval, metavar="A:B", help=quadrotors)
+    p.add_argument("--edition", type=int, metavar="N", help="of the data set: 1 (default) or 2")
 
 
 def validate(p: ArgumentParser) -> None:

@@ -30,6 +30,8 @@ def _generate(args: Namespace) -> None:
         environments=args.environments,
         workers=args.workers,
         shard=args.shard,
+        edition=args.edition,
+        quadrotors=args.quadrotors,
     )
     frames = manifest["frames"]
     counts = ", ".join(f"{count} {split}" for split, count in frames.items())

@@ -12,7 +12,8 @@ the edge of the hull beside the gimbal camera.
 
 import numpy as np
 
-from dronekeypp.sixdronesyn.drones import DRONES, Drone
+from dronekeypp.sixdronesyn import first_airframes
+from dronekeypp.sixdronesyn.drone import Drone
 from dronekeypp.sixdronesyn.fittings import (
     BLACK,
     GREEN,
@@ -367,10 +368,10 @@ _BUILDERS = {
 }
 
 
-def parts(name: str) -> list[Part]:
+def parts(drone: Drone) -> list[Part]:
     """Return all opaque parts of one of the seven drones, left and right."""
-    drone = DRONES[name]
+    builders = first_airframes.BUILDERS if drone.edition == 1 else _BUILDERS
     front, rear = drone.hubs[0] * 1000.0, drone.hubs[3] * 1000.0
-    middle, left = _BUILDERS[name](drone, front, rear)
+    middle, left = builders[drone.name](drone, front, rear)
     right = [mirrored(part) for part in left]
     return middle + left + right

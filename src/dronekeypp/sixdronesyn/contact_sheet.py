@@ -38,7 +38,7 @@ def render(
     """Return one orthographic view, (height, width, 3) uint8.
 
     Args:
-        name: the drone, a key of `DRONES`.
+        name: the drone, or its name.
         azimuth, elevation: where the camera stands, degrees in the body frame.
         pixels: (width, height) of the picture.
         half_height: metres from the middle of the picture to its upper edge.

@@ -12,103 +12,14 @@ the wheelbase. Only Mini 2's hubs are measured. For the others the heights, and 
 than the front, are estimated from how the drone looks.
 """
 
-import hashlib
-from dataclasses import dataclass, field
-from pathlib import Path
+from dronekeypp.errors import InputError
+from dronekeypp.sixdronesyn import own, quadrotors
+from dronekeypp.sixdronesyn.drone import KEYPOINT_NAMES, Drone, hubs_from_mm, spread_hubs
+from dronekeypp.sixdronesyn.first_edition import REPLACED
 
-import numpy as np
+__all__ = ["DRONES", "EDITION", "EDITIONS", "KEYPOINT_NAMES", "SEVEN", "Drone", "find_drone"]
 
-from dronekeypp.sixdronesyn import own
-
-KEYPOINT_NAMES = ("front-left", "front-right", "rear-right", "rear-left")
-
-
-@dataclass(frozen=True, eq=False)
-class Drone:
-    """A drone has a name, sizes, a mass, colours and four propeller hubs.
-
-    Attributes:
-        name: its key in `DRONES`.
-        label: the name that is shown to people.
-        index: its place in `DRONES`.
-        body_mm: the published length, width and height in millimetres, unfolded, without propellers.
-        wheelbase: metres from the front-left to the rear-right hub.
-        propeller_diameter, motor_radius: metres.
-        mass: kilograms.
-        hull_rgb, trim_rgb, propeller_rgb, tip_rgb: RGB, 0 to 255.
-        hubs: (4, 3), metres, body frame: the centres of the propeller discs.
-        estimated: the fields that are not published figures.
-        box_between_axes: the published length and width reach from motor axis to motor axis, not to the outer
-            edge (see Air2).
-        mesh: the mesh file of a drone of your own (see own.py); None for the seven.
-        mesh_scale: metres per unit of that mesh.
-        digest: what tells that mesh and its numbers from others; None for the seven.
-    """
-
-    name: str
-    label: str
-    index: int
-    body_mm: tuple[float, float, float]
-    wheelbase: float
-    propeller_diameter: float
-    mass: float
-    motor_radius: float
-    hull_rgb: tuple[int, int, int]
-    trim_rgb: tuple[int, int, int]
-    propeller_rgb: tuple[int, int, int]
-    tip_rgb: tuple[int, int, int]
-    hubs: np.ndarray = field(repr=False)
-    estimated: tuple[str, ...] = ()
-    box_between_axes: bool = False
-    mesh: Path | None = None
-    mesh_scale: float = 1.0
-    digest: str | None = None
-
-    @property
-    def seed(self) -> int:
-        """Return the number that the drone's random draws follow from.
-
-        It is the index of one of the seven. For a drone of your own it follows from its name alone.
-        """
-        if self.mesh is None:
-            return self.index
-        return int.from_bytes(hashlib.sha256(self.name.encode()).digest()[:4], "big")
-
-    @property
-    def propeller_radius(self) -> float:
-        """Return the radius of a propeller in metres."""
-        return self.propeller_diameter / 2
-
-
-def _hubs(front: tuple[float, float], rear: tuple[float, float], x: tuple[float, float]) -> np.ndarray:
-    """Return four hubs (4, 3) in metres, read-only and left–right symmetric, from millimetres.
-
-    `front` and `rear` are (sideways, up), `x` the forward positions of front and rear.
-    """
-    (front_y, front_z), (rear_y, rear_z), (front_x, rear_x) = front, rear, x
-    hubs = np.array(
-        [
-            [front_x, front_y, front_z],
-            [front_x, -front_y, front_z],
-            [rear_x, -rear_y, rear_z],
-            [rear_x, rear_y, rear_z],
-        ]
-    )
-    hubs /= 1000.0
-    hubs.setflags(write=False)
-    return hubs
-
-
-def _spread(wheelbase_mm: float, front: tuple[float, float], rear: tuple[float, float]) -> np.ndarray:
-    """Return hubs (4, 3) in metres that have the given wheelbase, from millimetres.
-
-    The wheelbase is the distance from the front-left to the rear-right hub. `front` and `rear` are (sideways,
-    up). The fore-aft distance is solved for and centred.
-    """
-    across, rise = front[0] + rear[0], front[1] - rear[1]
-    half = 0.5 * float(np.sqrt(wheelbase_mm**2 - across**2 - rise**2))
-    return _hubs(front, rear, (half, -half))
-
+EDITION = 1  # of what is made by default, until everything is measured again on the second
 
 _LIST = (
     # The front arms hang low so that the camera can look up, and the rear rotors are the higher pair. The
@@ -126,7 +37,7 @@ _LIST = (
         trim_rgb=(70, 72, 76),
         propeller_rgb=(86, 88, 92),
         tip_rgb=(86, 88, 92),
-        hubs=_spread(247, (108.0, 3.0), (92.0, 25.0)),
+        hubs=spread_hubs(247, (108.0, 3.0), (92.0, 25.0)),
         estimated=("propeller_diameter", "hubs"),
     ),
     # The maker's own positions: the front rotors are 21.5 mm above the rear ones. The diagonal is 215.0 mm,
@@ -144,7 +55,7 @@ _LIST = (
         trim_rgb=(92, 94, 98),
         propeller_rgb=(92, 94, 98),
         tip_rgb=(226, 120, 52),
-        hubs=_hubs((87.8, 24.7), (85.5, 3.2), (64.3, -61.1)),
+        hubs=hubs_from_mm((87.8, 24.7), (85.5, 3.2), (64.3, -61.1)),
     ),
     # The wheelbase of 354 mm is estimated. Wide front arms stand on long legs, so the front rotors are the
     # higher pair, which is estimated too.
@@ -161,7 +72,7 @@ _LIST = (
         trim_rgb=(48, 50, 53),
         propeller_rgb=(60, 62, 65),
         tip_rgb=(60, 62, 65),
-        hubs=_spread(354, (146.5, 48.0), (126.0, 33.0)),
+        hubs=spread_hubs(354, (146.5, 48.0), (126.0, 33.0)),
         estimated=("wheelbase", "hubs"),
     ),
     # 183 × 253 mm leaves no room for a 302 mm wheelbase inside the motors' outer edges. Read from axis to
@@ -179,7 +90,7 @@ _LIST = (
         trim_rgb=(38, 39, 42),
         propeller_rgb=(58, 59, 62),
         tip_rgb=(58, 59, 62),
-        hubs=_spread(302, (126.5, 36.0), (110.0, 25.0)),
+        hubs=spread_hubs(302, (126.5, 36.0), (110.0, 25.0)),
         estimated=("hubs",),
         box_between_axes=True,
     ),
@@ -198,7 +109,7 @@ _LIST = (
         trim_rgb=(40, 41, 44),
         propeller_rgb=(54, 55, 58),
         tip_rgb=(150, 146, 136),
-        hubs=_spread(354, (114.0, 38.0), (112.0, 26.0)),
+        hubs=spread_hubs(354, (114.0, 38.0), (112.0, 26.0)),
         estimated=("hubs",),
     ),
     # Front and rear hubs are both about half the width less a motor: 239 mm propellers leave no room for a
@@ -216,7 +127,7 @@ _LIST = (
         trim_rgb=(54, 56, 59),
         propeller_rgb=(56, 57, 60),
         tip_rgb=(232, 122, 44),
-        hubs=_spread(380.1, (124.5, 50.0), (121.0, 32.0)),
+        hubs=spread_hubs(380.1, (124.5, 50.0), (121.0, 32.0)),
         estimated=("hubs",),
     ),
     # The wheelbase is 120 to 127 mm by estimate: 120 is what fits a 98 × 92.5 mm frame with 5 mm motors at
@@ -234,12 +145,30 @@ _LIST = (
         trim_rgb=(30, 31, 33),
         propeller_rgb=(34, 35, 37),
         tip_rgb=(34, 35, 37),
-        hubs=_spread(120, (41.2, 17.5), (41.2, 17.5)),
+        hubs=spread_hubs(120, (41.2, 17.5), (41.2, 17.5)),
         estimated=("wheelbase", "hubs"),
     ),
 )
 
 SEVEN = tuple(drone.name for drone in _LIST)
-DRONES: dict[str, Drone] = {drone.name: drone for drone in _LIST}
-for _fields in own.read(SEVEN):
-    DRONES[_fields["name"]] = Drone(**_fields)
+_SECOND: dict[str, Drone] = {drone.name: drone for drone in _LIST}
+_OWN: dict[str, Drone] = {fields["name"]: Drone(**fields) for fields in own.read(SEVEN)}
+# The drones of each edition of the data set, and of your own, by name.
+EDITIONS: dict[int, dict[str, Drone]] = {1: {**_SECOND, **REPLACED, **_OWN}, 2: {**_SECOND, **_OWN}}
+DRONES = EDITIONS[EDITION]
+
+
+def find_drone(name: str, edition: int = EDITION) -> Drone:
+    """Return a drone by its name: one of the seven, one of your own, or a random quadrotor ("Quad17").
+
+    `edition` is 1 or 2; random quadrotors belong to the second.
+
+    Raises:
+        InputError: the name is unknown.
+    """
+    if name in EDITIONS[edition]:
+        return EDITIONS[edition][name]
+    number = quadrotors.number_of(name)
+    if number is None:
+        raise InputError(f"drone {name!r} is unknown; choose one of {', '.join(EDITIONS[edition])}")
+    return quadrotors.quadrotor(number)

@@ -19,7 +19,7 @@ from scipy.spatial import ConvexHull
 from dronekeypp.camera import clamp_square, project, square_around
 from dronekeypp.files import digest
 from dronekeypp.sixdronesyn import bop, scenes
-from dronekeypp.sixdronesyn.drones import DRONES
+from dronekeypp.sixdronesyn.drones import Drone
 from dronekeypp.sixdronesyn.meshes import drone_mesh
 from dronekeypp.sixdronesyn.panorama import Panorama, load_panorama
 from dronekeypp.sixdronesyn.render import (
@@ -60,15 +60,15 @@ class Flight:
         environments: Sequence[str | Path],
     ) -> None:
         self.subsequence, self.settings = subsequence, settings
-        self.drone = DRONES[subsequence.drone]
+        self.drone = subsequence.airframe
         seed = settings["seed"]
         self.path = scenes.fly(subsequence, seed)
         self.environment, self.turn = scenes.background(subsequence, len(environments), seed)
         self.environment_file = Path(environments[self.environment])
         # radians that a blade turns while the shutter is open
         self.blur = subsequence.generator(seed, "exposure").uniform(0.3, 1.6)
-        self.outline = _outline(subsequence.drone)
-        self.occlusion = _occlusion(subsequence.drone)
+        self.outline = _outline(self.drone)
+        self.occlusion = _occlusion(self.drone)
 
     def annotate(self, number: int) -> bop.Frame:
         """Return the annotation of frame `number`."""
@@ -140,33 +140,33 @@ class Flight:
             window = window_around(frame.square, scenes.WIDTH, scenes.HEIGHT)
             x, y, side = window[0] - self.origin[0], window[1] - self.origin[1], window[2]
             behind = self.background[y : y + side, x : x + side]
-            renderer = _renderer(self.drone.name, 2 * size)
+            renderer = _renderer(self.drone, 2 * size)
             return draw_crop(renderer, behind, frame.square, window, size, **view)
         side = int(np.ceil(max(frame.box[2:]))) + 4
         centre = frame.box[:2] + frame.box[2:] / 2
         corner = np.clip(np.round(centre - side / 2), 0, [scenes.WIDTH - side, scenes.HEIGHT - side])
         resolution = 256 * max(1, 2 ** int(np.ceil(np.log2(2 * side / 256))))
-        renderer = _renderer(self.drone.name, resolution)
+        renderer = _renderer(self.drone, resolution)
         return draw_frame(renderer, self.background, [*corner, side], **view)
 
 
 # --- what many flights share ------------------------------------------------------------------------------
 
 # One renderer is a window and its buffers: a worker keeps the two it made last and frees the rest.
-_RENDERERS: dict[tuple[str, int], DroneRenderer] = {}
+_RENDERERS: dict[tuple[Drone, int], DroneRenderer] = {}
 
 
-def _renderer(name: str, resolution: int) -> DroneRenderer:
+def _renderer(drone: Drone, resolution: int) -> DroneRenderer:
     """Return the renderer of a drone at a resolution in pixels.
 
     It is made anew if it is not one of the two made last.
     """
-    key = (name, resolution)
+    key = (drone, resolution)
     if key not in _RENDERERS:
         while len(_RENDERERS) >= 2:
             oldest = next(iter(_RENDERERS))
             _RENDERERS.pop(oldest).close()
-        _RENDERERS[key] = DroneRenderer(name, resolution)
+        _RENDERERS[key] = DroneRenderer(drone, resolution)
     return _RENDERERS[key]
 
 
@@ -175,18 +175,18 @@ def _panorama(path: Path) -> Panorama:
     return load_panorama(path)
 
 
-@lru_cache
-def _occlusion(name: str) -> SelfOcclusion:
-    return SelfOcclusion(name)
+@lru_cache(maxsize=16)
+def _occlusion(drone: Drone) -> SelfOcclusion:
+    return SelfOcclusion(drone)
 
 
-@lru_cache
-def _outline(name: str) -> np.ndarray:
+@lru_cache(maxsize=16)
+def _outline(drone: Drone) -> np.ndarray:
     """Return the drone's extreme points (P, 3) in body axes, propeller discs included.
 
     Their projections bound the drone's box exactly.
     """
-    mesh = drone_mesh(name)
+    mesh = drone_mesh(drone)
     discs = mesh.propellers(np.zeros(4), 1.0)
     points = np.concatenate([mesh.body.points, discs.points]).astype(np.float64)
     return points[ConvexHull(points).vertices]

@@ -31,8 +31,9 @@ from dronekeypp.environments.cache import environment_files
 from dronekeypp.errors import InputError
 from dronekeypp.files import digest, write_json
 from dronekeypp.sixdronesyn import bop, scenes
+from dronekeypp.sixdronesyn import quadrotors as random_quadrotors
 from dronekeypp.sixdronesyn.coco import coco
-from dronekeypp.sixdronesyn.drones import DRONES, SEVEN
+from dronekeypp.sixdronesyn.drones import EDITION, EDITIONS, SEVEN
 from dronekeypp.sixdronesyn.flight import Flight, annotation_digest, render_flight
 from dronekeypp.sixdronesyn.models import write_models
 from dronekeypp.sixdronesyn.own import VARIABLE
@@ -41,7 +42,7 @@ from dronekeypp.sixdronesyn.render import check_opengl
 __all__ = ["Flight", "annotation_digest", "finish", "generate", "totals"]
 
 KINDS = ("crop", "full")  # of frames
-MOST_DRONES = 10  # of one data set: the folder of a flight has one digit for the drone
+BEFORE_THERE_WERE_TWO = {"edition": 1, "quadrotors": None}  # settings that older manifests lack
 
 
 def generate(
@@ -56,6 +57,8 @@ def generate(
     workers: int = 1,
     shard: tuple[int, int] = (0, 1),
     progress: bool = True,
+    edition: int | None = None,
+    quadrotors: tuple[int, int] | None = None,
 ) -> dict[str, Any]:
     """Generate 6DroneSyn, or a part of it, in `root` (paper Sec. IV).
 
@@ -73,20 +76,29 @@ def generate(
         shard: (I, N) renders flights I, I + N, I + 2N, …; run every I from 0 to N − 1, at the same time if
             you like.
         progress: show a progress bar, where stderr is a terminal.
+        edition: 1, with which the recorded results were made, or 2, with the right shapes of three drones and
+            a lens for every flight. None for 1, or for 2 with `quadrotors`.
+        quadrotors: (A, B) flies the random quadrotors A, A + 1, …, B − 1 in place of the seven. Each flies in
+            the scenes of its own split, see `quadrotors.split_of`.
 
     Returns:
         the manifest, a dictionary (also written as manifest.json).
 
     Raises:
         InputError: an argument or an environment image is bad, there is no OpenGL library, the folder holds a
-            data set with other settings or another drone of the same name, or there are more than ten drones.
+            data set with other settings or another drone of the same name, or there are too many drones.
     """
     root = Path(root)
-    _check_arguments(scene_numbers, drone_names, frames, size, stride, seed, workers, shard)
+    if edition is None:
+        edition = EDITION if quadrotors is None else 2
+    _check_arguments(scene_numbers, drone_names, frames, size, stride, seed, workers, shard, edition)
+    _check_quadrotors(quadrotors, drone_names, edition)
     check_opengl()
     files = environment_files(environments, workers=workers, progress=progress)
     settings = {
         "version": __version__,
+        "edition": edition,
+        "quadrotors": None if quadrotors is None else list(quadrotors),
         "seed": seed,
         "frames": frames,
         "size": size if frames == "crop" else None,
@@ -116,16 +128,19 @@ def _check_arguments(
     seed: int,
     workers: int,
     shard: tuple[int, int],
+    edition: int,
 ) -> None:
     """Raise InputError for the first argument of `generate` that is not allowed."""
+    if edition not in EDITIONS:
+        raise InputError(f"edition {edition}: choose 1 or 2")
     if scene_numbers == [] or drone_names == []:
         raise InputError("the list of scenes or drones is empty; leave it out for all of them")
     for number in scene_numbers or ():
         if number not in scenes.SCENES:
             raise InputError(f"scene {number}: there are scenes 1 to {max(scenes.SCENES)}")
     for name in drone_names or ():
-        if name not in DRONES:
-            raise InputError(f"drone {name!r}: choose from {', '.join(DRONES)}")
+        if name not in EDITIONS[edition]:
+            raise InputError(f"drone {name!r}: choose from {', '.join(EDITIONS[edition])}")
     if frames not in KINDS:
         raise InputError(f"frames {frames!r}: choose crop or full")
     if not 32 <= size <= 1024:
@@ -134,6 +149,22 @@ def _check_arguments(
         raise InputError("stride and workers must be at least 1, seed at least 0")
     if not 0 <= shard[0] < shard[1]:
         raise InputError(f"shard {shard[0]}/{shard[1]}: I counts from 0 to N − 1")
+
+
+def _check_quadrotors(
+    quadrotors: tuple[int, int] | None, drone_names: Sequence[str] | None, edition: int
+) -> None:
+    """Raise InputError where a range of random quadrotors is not allowed."""
+    if quadrotors is None:
+        return
+    first, end = quadrotors
+    most = scenes.MOST_DRONES[2]
+    if not 0 <= first < end or end - first > most:
+        raise InputError(f"quadrotors {first}:{end}: write A:B with 0 ≤ A < B, at most {most} of them")
+    if edition == 1:
+        raise InputError("random quadrotors fly in the second edition only; leave out --edition 1")
+    if drone_names is not None:
+        raise InputError("random quadrotors fly in place of the drones; leave out --drones")
 
 
 def _work(
@@ -181,16 +212,20 @@ def _start_manifest(
         if not isinstance(old, dict) or not {"settings", "versions", "planned"} <= old.keys():
             raise InputError(f"{path}: not the manifest of a data set; choose another folder")
         for key, value in settings.items():
-            _check_same(path, key, old["settings"].get(key), value)
+            _check_same(path, key, old["settings"].get(key, BEFORE_THERE_WERE_TWO.get(key)), value)
     elif any(not item.name.startswith(".") for item in root.iterdir()):
         raise InputError(
             f"{root}: the folder is not empty and holds no manifest.json; choose an empty or new folder"
         )
-    own = _own_drones(path, old["settings"].get("own_drones", {}), drone_names)
-    if own:
-        settings = {**settings, "own_drones": own}
-    numbers = {name: len(SEVEN) + place for place, name in enumerate(own)}
-    plan = scenes.subsequences(scene_numbers, drone_names, numbers)
+    if settings["quadrotors"]:
+        plan = scenes.quadrotor_flights(range(*settings["quadrotors"]), scene_numbers)
+    else:
+        edition = settings["edition"]
+        own = _own_drones(path, old["settings"].get("own_drones", {}), drone_names, edition)
+        if own:
+            settings = {**settings, "own_drones": own}
+        numbers = {name: len(SEVEN) + place for place, name in enumerate(own)}
+        plan = scenes.subsequences(scene_numbers, drone_names, numbers, edition)
     planned = dict(old["planned"])
     for subsequence in plan:
         planned[f"{subsequence.id:06d}"] = len(scenes.frame_numbers(subsequence, settings["stride"]))
@@ -222,7 +257,9 @@ def _short(value: Any) -> str:
     return text if len(text) < 60 else f"digest {digest(text.encode())}"
 
 
-def _own_drones(path: Path, old: dict[str, str], drone_names: Sequence[str] | None) -> dict[str, str]:
+def _own_drones(
+    path: Path, old: dict[str, str], drone_names: Sequence[str] | None, edition: int
+) -> dict[str, str]:
     """Return name and digest of each drone of your own in a data set, in the order of their numbers.
 
     Those that it holds (`old`) keep their places; new ones come behind them.
@@ -231,7 +268,7 @@ def _own_drones(path: Path, old: dict[str, str], drone_names: Sequence[str] | No
         InputError: the data set holds another drone of that name, or would hold too many.
     """
     own = dict(old)
-    for drone in DRONES.values():
+    for drone in EDITIONS[edition].values():
         if drone.digest is None:  # one of the seven
             continue
         if own.get(drone.name, drone.digest) != drone.digest:
@@ -241,9 +278,10 @@ def _own_drones(path: Path, old: dict[str, str], drone_names: Sequence[str] | No
             )
         if drone_names is None or drone.name in drone_names:
             own[drone.name] = drone.digest
-    if len(SEVEN) + len(own) > MOST_DRONES:
+    most = scenes.MOST_DRONES[edition]
+    if len(SEVEN) + len(own) > most:
         raise InputError(
-            f"{len(own)} drones of your own: a data set holds {MOST_DRONES - len(SEVEN)} beside the seven; "
+            f"{len(own)} drones of your own: a data set holds {most - len(SEVEN)} beside the seven; "
             "choose some with --drones"
         )
     return own
@@ -281,7 +319,11 @@ def _finish(root: Path) -> dict[str, Any]:
             flights[folder.name] = {"split": split, "digests": digests}
     manifest.update(totals(manifest["planned"], flights))
     manifest["flights"] = dict(sorted(flights.items()))
-    write_models(root, (*SEVEN, *manifest["settings"].get("own_drones", {})))
+    settings = {**BEFORE_THERE_WERE_TWO, **manifest["settings"]}
+    names = (*SEVEN, *settings.get("own_drones", {}))
+    if settings["quadrotors"]:
+        names = tuple(random_quadrotors.name_of(number) for number in range(*settings["quadrotors"]))
+    write_models(root, names, settings["edition"])
     for split in scenes.SPLITS:
         if manifest["frames"][split]:
             write_json(root / f"coco_{split}.json", coco(root, split, manifest["settings"]["size"]))

@@ -6,14 +6,14 @@ surface: the opacity of a spot is the share of the exposure in which a blade cov
 """
 
 from dataclasses import dataclass, field
-from functools import cache
+from functools import lru_cache
 
 import numpy as np
 import pyvista as pv
 
 from dronekeypp.errors import InputError
-from dronekeypp.sixdronesyn.airframes import parts
-from dronekeypp.sixdronesyn.drones import DRONES, Drone
+from dronekeypp.sixdronesyn import airframes, quadrotor_bodies
+from dronekeypp.sixdronesyn.drones import Drone, find_drone
 from dronekeypp.sixdronesyn.shapes import as_polydata, merge
 
 SPOKES = 48  # points around a propeller disc
@@ -123,17 +123,23 @@ class DroneMesh:
         return self._discs
 
 
-@cache
-def drone_mesh(name: str) -> DroneMesh:
-    """Return the mesh of drone `name` (a key of `DRONES`), which is built once.
+def drone_mesh(drone: str | Drone) -> DroneMesh:
+    """Return the mesh of a drone or of its name (see `find_drone`). It is built once.
 
     Raises:
         InputError: the name is unknown, or the mesh of your own cannot be used.
     """
-    if name not in DRONES:
-        raise InputError(f"drone {name!r} is unknown; choose one of {', '.join(DRONES)}")
-    drone = DRONES[name]
-    body = merge(parts(name)) if drone.mesh is None else read_body(drone)
+    return _drone_mesh(find_drone(drone) if isinstance(drone, str) else drone)
+
+
+@lru_cache(maxsize=16)
+def _drone_mesh(drone: Drone) -> DroneMesh:
+    if drone.mesh is not None:
+        body = read_body(drone)
+    elif drone.number is not None:
+        body = merge(quadrotor_bodies.parts(drone))
+    else:
+        body = merge(airframes.parts(drone))
     return DroneMesh(drone, body, drone.hubs, hub_clearance=1.15 * drone.motor_radius)
 
 

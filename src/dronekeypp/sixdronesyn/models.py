@@ -17,12 +17,12 @@ from scipy.spatial.distance import pdist
 from dronekeypp.errors import InputError
 from dronekeypp.files import write_json
 from dronekeypp.sixdronesyn import bop
-from dronekeypp.sixdronesyn.drones import DRONES, Drone
+from dronekeypp.sixdronesyn.drones import Drone, find_drone
 from dronekeypp.sixdronesyn.meshes import drone_mesh
 from dronekeypp.sixdronesyn.own import VARIABLE
 
 
-def write_models(root: Path, names: Sequence[str]) -> None:
+def write_models(root: Path, names: Sequence[str], edition: int) -> None:
     """Write what is missing of models/, where the drone names[i] is object i + 1.
 
     models_info.json comes last: it says that the meshes are all there. What it holds already stays, so a
@@ -40,10 +40,13 @@ def write_models(root: Path, names: Sequence[str]) -> None:
     folder.mkdir(exist_ok=True)
     for number in missing:
         name = names[number - 1]
-        if name not in DRONES:
-            raise InputError(f"{root}: it holds a drone {name}: set {VARIABLE} to the folder with its file")
-        drone = DRONES[name]
-        mesh = drone_mesh(drone.name).body
+        try:
+            drone = find_drone(name, edition)
+        except InputError:
+            raise InputError(
+                f"{root}: it holds a drone {name}: set {VARIABLE} to the folder with its file"
+            ) from None
+        mesh = drone_mesh(drone).body
         body = pv.PolyData(mesh.points * np.float32(bop.MM), mesh.faces)
         body.point_data["rgb"] = mesh.point_data["rgb"]
         body.save(folder / f"obj_{number:06d}.ply", texture="rgb", recompute_normals=False)
@@ -56,7 +59,7 @@ def model_info(drone: Drone) -> dict[str, Any]:
 
     It holds its names, BOP's sizes, and its hubs in body axes, all in millimetres.
     """
-    points = np.asarray(drone_mesh(drone.name).body.points, dtype=np.float64) * bop.MM
+    points = np.asarray(drone_mesh(drone).body.points, dtype=np.float64) * bop.MM
     low, size = points.min(0), np.ptp(points, axis=0)
     corners = points[ConvexHull(points).vertices]
     entry: dict[str, Any] = {

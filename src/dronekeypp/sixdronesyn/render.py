@@ -17,6 +17,7 @@ from vtk.util.numpy_support import vtk_to_numpy
 
 from dronekeypp.camera import Numbers, crop_image
 from dronekeypp.errors import InputError
+from dronekeypp.sixdronesyn.drones import Drone
 from dronekeypp.sixdronesyn.meshes import drone_mesh
 
 # VTK's view coordinates have y up and z towards the viewer; OpenCV's camera axes have y down and z forward.
@@ -123,16 +124,16 @@ class DroneRenderer:
     Keep one for many frames: setting up costs a second, a frame a few milliseconds.
 
     Args:
-        name: the drone, a key of `DRONES`.
+        drone: the drone, or its name.
         resolution: side in pixels of the square it draws (before any averaging).
 
     Raises:
         InputError: this machine cannot render, or the drone is unknown.
     """
 
-    def __init__(self, name: str, resolution: int) -> None:
+    def __init__(self, drone: str | Drone, resolution: int) -> None:
         check_opengl()
-        self.mesh = drone_mesh(name)
+        self.mesh = drone_mesh(drone)
         self.resolution = resolution
         self._body = _actor(self.mesh.body, "rgb")
         self._discs = _actor(self.mesh.propellers(np.zeros(4), 1.0), "rgba")
@@ -209,11 +210,11 @@ class SelfOcclusion:
     It casts rays in double precision, which gives the same answer on every machine, unlike a depth buffer.
 
     Args:
-        name: the drone, a key of `DRONES`.
+        drone: the drone, or its name.
     """
 
-    def __init__(self, name: str) -> None:
-        self.mesh = drone_mesh(name)
+    def __init__(self, drone: str | Drone) -> None:
+        self.mesh = drone_mesh(drone)
         self._locator = vtk.vtkStaticCellLocator()
         self._locator.SetDataSet(self.mesh.body)
         self._locator.BuildLocator()

@@ -19,14 +19,16 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from dronekeypp.camera import intrinsics
-from dronekeypp.sixdronesyn.drones import DRONES, SEVEN, Drone
+from dronekeypp.sixdronesyn import quadrotors
+from dronekeypp.sixdronesyn.drones import EDITION, EDITIONS, SEVEN, Drone, find_drone
 
 FPS = 30
 SUBSEQUENCES = 3  # backgrounds a scene and drone
+MOST_DRONES = {1: 10, 2: 1000}  # of one data set, by edition: the folder of a flight has so many digits
 WIDTH, HEIGHT = 1920, 1080
 NEAREST, FARTHEST = 1.5, 8.0  # metres, camera to drone
 GRAVITY = 9.81
-PURPOSES = ("camera", "flight", "exposure", "propellers")  # what is drawn at random; new ones go last
+PURPOSES = ("camera", "flight", "exposure", "propellers", "lens")  # what is drawn at random; new ones go last
 DRAG = 0.35  # 1/s: a drone leans into its own wind, even at constant speed
 
 SPLITS = ("train", "val", "test")
@@ -81,22 +83,33 @@ class Subsequence:
 
     `number` is the drone's number in its data set, from 0; None means its place among all drones here. A
     drone of your own gets it from the data set, so that another drone of your own does not change it.
+    `edition` is that of the data set.
     """
 
     scene: int
     drone: str
     take: int
     number: int | None = None
+    edition: int = EDITION
+
+    @property
+    def airframe(self) -> Drone:
+        """Return the drone that flies."""
+        return find_drone(self.drone, self.edition)
 
     @property
     def drone_number(self) -> int:
-        """Return the drone's number in its data set, from 0, which is one digit of the folder's name."""
-        return DRONES[self.drone].index if self.number is None else self.number
+        """Return the drone's number in its data set, from 0, which is part of the folder's name."""
+        return self.airframe.index if self.number is None else self.number
 
     @property
     def id(self) -> int:
-        """Return the BOP scene number, which also names the folder."""
-        return self.scene * 100 + self.drone_number * 10 + self.take
+        """Return the BOP scene number, which also names the folder.
+
+        Its last digit is the take. Before it come the drone's number, in one digit in the first edition and
+        in three in the second, and the scene.
+        """
+        return (self.scene * MOST_DRONES[self.edition] + self.drone_number) * 10 + self.take
 
     @property
     def split(self) -> str:
@@ -113,7 +126,7 @@ class Subsequence:
 
         The purpose is one of `PURPOSES`.
         """
-        drone = DRONES[self.drone].seed
+        drone = self.airframe.seed
         return np.random.default_rng([seed, self.scene, drone, self.take, frame, PURPOSES.index(purpose)])
 
 
@@ -121,6 +134,7 @@ def subsequences(
     scenes: Container[int] | None = None,
     drones: Container[str] | None = None,
     numbers: Mapping[str, int] | None = None,
+    edition: int = EDITION,
 ) -> list[Subsequence]:
     """Return every flight of the chosen scenes and drones (all by default), in a fixed order.
 
@@ -128,10 +142,25 @@ def subsequences(
     """
     numbers = numbers or {}
     chosen = [scene for scene in SCENES if scenes is None or scene in scenes]
-    names = [name for name in DRONES if drones is None or name in drones]
+    names = [name for name in EDITIONS[edition] if drones is None or name in drones]
     flights = []
     for scene, name, take in product(chosen, names, range(SUBSEQUENCES)):
-        flights.append(Subsequence(scene, name, take, numbers.get(name)))
+        flights.append(Subsequence(scene, name, take, numbers.get(name), edition))
+    return flights
+
+
+def quadrotor_flights(chosen: range, scenes: Container[int] | None = None) -> list[Subsequence]:
+    """Return the flights of random quadrotors in the chosen scenes (all by default), in a fixed order.
+
+    A quadrotor flies only in the scenes of its own split (`quadrotors.split_of`), so no two splits share
+    one. Object i + 1 of the data set is the i-th quadrotor of `chosen`.
+    """
+    flights = []
+    for place, number in enumerate(chosen):
+        split = quadrotors.split_of(number)
+        for scene, take in product(SCENES.values(), range(SUBSEQUENCES)):
+            if scene.split == split and (scenes is None or scene.number in scenes):
+                flights.append(Subsequence(scene.number, quadrotors.name_of(number), take, place, 2))
     return flights
 
 
@@ -186,14 +215,14 @@ def background(subsequence: Subsequence, environments: int, seed: int = 0) -> tu
     pack = list(product(split_environments(environments)[subsequence.split], QUARTER_TURNS))
     split = SPLITS.index(subsequence.split)
     ours = subsequence.drone in SEVEN
-    numbers = {} if subsequence.number is None else {subsequence.drone: subsequence.number}
-    sharing = subsequences(drones=SEVEN if ours else [subsequence.drone], numbers=numbers)
-    flights = [flight for flight in sharing if flight.split == subsequence.split]
-    order = flights.index(subsequence)
+    names = SEVEN if ours else [subsequence.drone]
+    split_scenes = [scene.number for scene in SCENES.values() if scene.split == subsequence.split]
+    sharing = list(product(split_scenes, names, range(SUBSEQUENCES)))
+    order = sharing.index((subsequence.scene, subsequence.drone, subsequence.take))
     round_number = order // len(pack)
     key = [seed, split, round_number, 88]
     if not ours:
-        key.append(DRONES[subsequence.drone].seed)
+        key.append(subsequence.airframe.seed)
     shuffled = np.random.default_rng(key).permutation(len(pack))
     return pack[shuffled[order % len(pack)]]
 
@@ -220,11 +249,14 @@ class Camera:
 
 
 def camera(subsequence: Subsequence, seed: int = 0) -> Camera:
-    """Return the lens of the scene on the mount of this flight.
+    """Return the lens and the mount of this flight.
 
-    The mount is 2 to 8 m high, tilted between 25° down and 40° up, with at most 2° of roll.
+    The first edition draws one lens for a scene, the second one for every flight. The mount is 2 to 8 m high,
+    tilted between 25° down and 40° up, with at most 2° of roll.
     """
-    lens = np.random.default_rng([seed, subsequence.scene])
+    lens = subsequence.generator(seed, "lens")
+    if subsequence.edition == 1:
+        lens = np.random.default_rng([seed, subsequence.scene])
     centre = np.array([WIDTH, HEIGHT]) / 2 + lens.normal(0, 8, 2)
     K = intrinsics(lens.uniform(1150, 1850), WIDTH, HEIGHT, centre)
     rng = subsequence.generator(seed, "camera")
@@ -249,7 +281,7 @@ def reach(drone: Drone) -> float:
 
 
 class _Airspace:
-    """An airspace holds where a drone may be: wholly in the frame, 1.5 to 8 m away and above the ground.
+    """An airspace holds where a drone may be: wholly in the frame, near enough and above the ground.
 
     This is an intersection of half-spaces and a ball, hence convex: a straight line or a B-spline between
     points inside stays inside, so no flight ever has to be checked or thrown away.
@@ -257,9 +289,12 @@ class _Airspace:
     Args:
         camera: the camera that watches the drone.
         radius: metres from the drone's centre to its farthest point.
+        nearest, farthest: metres from the camera to the drone's centre.
     """
 
-    def __init__(self, camera: Camera, radius: float) -> None:
+    def __init__(
+        self, camera: Camera, radius: float, nearest: float = NEAREST, farthest: float = FARTHEST
+    ) -> None:
         fx, cx = camera.K[0, 0], camera.K[0, 2]
         fy, cy = camera.K[1, 1], camera.K[1, 2]
         # half-spaces n·p ≥ margin through the camera centre: left, right, top and bottom of the frame
@@ -267,12 +302,13 @@ class _Airspace:
         self.normals = walls / np.linalg.norm(walls, axis=1, keepdims=True)
         self.margin = radius + 0.02
         self.camera = camera
+        self.nearest, self.farthest = nearest, farthest
 
     def contains(self, p: np.ndarray) -> bool:
         """Return whether a drone centred at `p` (3,), camera axes, is inside."""
         height = (self.camera.R.T @ (p - self.camera.t))[2]
         in_frame = (self.normals @ p >= self.margin).all()
-        in_range = p[2] >= NEAREST and np.linalg.norm(p) <= FARTHEST
+        in_range = p[2] >= self.nearest and np.linalg.norm(p) <= self.farthest
         return bool(in_frame and in_range and height >= 0.3 + self.margin)
 
     def sample(self, rng: np.random.Generator) -> np.ndarray:
@@ -281,7 +317,7 @@ class _Airspace:
         A depth drawn this way makes near views no rarer than far ones.
         """
         while True:
-            depth = np.exp(rng.uniform(np.log(NEAREST), np.log(FARTHEST)))
+            depth = np.exp(rng.uniform(np.log(self.nearest), np.log(self.farthest)))
             pixel = np.array([rng.uniform(0, WIDTH), rng.uniform(0, HEIGHT), 1.0])
             p = depth * np.linalg.solve(self.camera.K, pixel)
             if self.contains(p):
@@ -384,12 +420,18 @@ def fly(subsequence: Subsequence, seed: int = 0) -> Flight:
 
     It holds the camera and the drone's pose in every frame (30 a second).
     """
-    scene, drone = SCENES[subsequence.scene], DRONES[subsequence.drone]
+    scene, drone = SCENES[subsequence.scene], subsequence.airframe
     cam = camera(subsequence, seed)
+    airspace = _Airspace(cam, reach(drone))
+    if subsequence.edition == 2:
+        # The seven fit into 1.5 to 8 m; a larger quadrotor stays as many times its own size away.
+        airspace = _Airspace(
+            cam, reach(drone), max(NEAREST, 4 * reach(drone)), max(FARTHEST, 25 * reach(drone))
+        )
     rng = subsequence.generator(seed, "flight")
     times = np.arange(scene.frames) / FPS
     path = _linear if scene.motion == "linear" else _wandering
-    p, v, a = path(rng, _Airspace(cam, reach(drone)), scene.seconds, times)  # (F, 3) each, in camera axes
+    p, v, a = path(rng, airspace, scene.seconds, times)  # (F, 3) each, in camera axes
     to_world = cam.R.T
     v, a = v @ to_world.T, a @ to_world.T
     # gusts: a degree or two of wobble, three slow sines an axis
