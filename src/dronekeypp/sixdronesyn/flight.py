@@ -153,21 +153,22 @@ class Flight:
 # --- what many flights share ------------------------------------------------------------------------------
 
 # One renderer is a window and its buffers: a worker keeps the two it made last and frees the rest.
-_RENDERERS: dict[tuple[Drone, int], DroneRenderer] = {}
+_RENDERERS: dict[int, DroneRenderer] = {}
 
 
 def _renderer(drone: Drone, resolution: int) -> DroneRenderer:
-    """Return the renderer of a drone at a resolution in pixels.
+    """Return a renderer that shows a drone at a resolution in pixels.
 
-    It is made anew if it is not one of the two made last.
+    It is made anew if there is none among the two made last.
     """
-    key = (drone, resolution)
-    if key not in _RENDERERS:
+    if resolution not in _RENDERERS:
         while len(_RENDERERS) >= 2:
             oldest = next(iter(_RENDERERS))
             _RENDERERS.pop(oldest).close()
-        _RENDERERS[key] = DroneRenderer(drone, resolution)
-    return _RENDERERS[key]
+        _RENDERERS[resolution] = DroneRenderer(drone, resolution)
+    renderer = _RENDERERS[resolution]
+    renderer.show(drone)
+    return renderer
 
 
 @lru_cache(maxsize=2)

@@ -97,7 +97,14 @@ class DroneMesh:
         """Return the four propellers during one exposure.
 
         Their opacity is in `point_data['rgba']` (uint8). Each call refills the same PolyData: copy it to keep
-        it.
+        it. The arguments and the errors are those of `opacity`.
+        """
+        self._discs.point_data["rgba"][:, 3] = self.opacity(phases, blur_radians).ravel()
+        self._discs.Modified()
+        return self._discs
+
+    def opacity(self, phases: np.ndarray, blur_radians: float) -> np.ndarray:
+        """Return the opacity of the four propellers during one exposure, (4, spokes, rings) uint8.
 
         Args:
             phases: (4,) radians from body x to a blade in the middle of the exposure, in keypoint order,
@@ -118,9 +125,7 @@ class DroneMesh:
             )
         angle = np.arange(SPOKES) * (2 * np.pi / SPOKES) - phases[:, None]
         alpha = _coverage(angle[:, :, None], BLADE_HALF_ANGLE, float(blur_radians))
-        self._discs.point_data["rgba"][:, 3] = np.rint(255 * alpha).astype(np.uint8).ravel()
-        self._discs.Modified()
-        return self._discs
+        return np.rint(255 * alpha).astype(np.uint8)
 
 
 def drone_mesh(drone: str | Drone) -> DroneMesh:

@@ -18,13 +18,13 @@ from vtk.util.numpy_support import vtk_to_numpy
 from dronekeypp.camera import Numbers, crop_image
 from dronekeypp.errors import InputError
 from dronekeypp.sixdronesyn.drones import Drone
-from dronekeypp.sixdronesyn.meshes import drone_mesh
+from dronekeypp.sixdronesyn.meshes import SPOKES, DroneMesh, drone_mesh
 
 # VTK's view coordinates have y up and z towards the viewer; OpenCV's camera axes have y down and z forward.
 _VIEW_FROM_CAMERA = np.diag([1.0, -1.0, -1.0])
 
 # Our own light instead of VTK's, for every fragment: a sun, a sky above and a ground below. It is computed in
-# linear light; the power 1/2.2 makes a pixel of it.
+# linear light; the power 1/2.2 makes a pixel of it. `disc_colours` does the same for a whole propeller.
 _SHADE = """
   vec3 n = normalVCVSOutput;
   vec3 albedo = pow(diffuseColor, vec3(2.2));
@@ -94,37 +94,72 @@ def check_opengl() -> None:
     os.environ[_CHECKED] = "1"
 
 
-def _actor(mesh: pv.PolyData, colours: str) -> vtk.vtkActor:
-    """Return a mesh as an actor that is drawn with the point array `colours` and our own light."""
+def disc_colours(rgb: np.ndarray, hubs: np.ndarray, R: np.ndarray, t: np.ndarray, light: Light) -> np.ndarray:
+    """Return the colours of four propeller discs in the light of `_SHADE`, uint8.
+
+    A disc is flat and small, so one calculation for its middle stands for all of it. That is much cheaper
+    than one for every fragment.
+
+    Args:
+        rgb: (4, …, 3) uint8, the paint of each disc.
+        hubs: (4, 3) metres, body frame.
+        R, t: (3, 3) and (3,) metres, the pose in the camera frame.
+        light: the light, in camera axes.
+    """
+    to_eye = -(hubs @ R.T + t)
+    to_eye /= np.linalg.norm(to_eye, axis=1, keepdims=True)
+    normals = (
+        np.where(to_eye @ R[:, 2:] > 0, 1.0, -1.0) * R[:, 2]
+    )  # (4, 3), of the sides that the camera sees
+    half = light["sun"] + to_eye
+    half /= np.linalg.norm(half, axis=1, keepdims=True)
+    facing = normals @ light["sun"]
+    cosine = (normals * to_eye).sum(axis=1)
+    reflected = 2 * cosine[:, None] * normals - to_eye
+    shine = np.where(facing >= 0, np.maximum((normals * half).sum(axis=1), 0) ** 40, 0)
+    rim = (1 - cosine) ** 4
+
+    def sky(direction: np.ndarray) -> np.ndarray:
+        share = 0.5 + 0.5 * direction @ light["up"]
+        return (1 - share)[:, None] * light["ground_colour"] + share[:, None] * light["sky_colour"]
+
+    diffuse = light["sun_colour"] * np.maximum(facing, 0)[:, None] + sky(normals)
+    mirror = light["sun_colour"] * shine[:, None] + (0.04 + 0.4 * rim)[:, None] * sky(reflected)
+    shape = (4, *[1] * (rgb.ndim - 2), 3)
+    albedo = (rgb / 255.0) ** 2.2
+    linear = albedo * diffuse.reshape(shape) + PROPELLER_GLOSS * mirror.reshape(shape)
+    return np.rint(255 * np.clip(linear, 0, 1) ** (1 / 2.2)).astype(np.uint8)
+
+
+def _actor(colours: str) -> vtk.vtkActor:
+    """Return an actor without a mesh, which is drawn with the point array `colours`."""
     mapper = vtk.vtkPolyDataMapper()
-    mapper.SetInputData(mesh)
     mapper.SetScalarModeToUsePointFieldData()
     mapper.SelectColorArray(colours)
     mapper.SetColorModeToDirectScalars()
     actor = vtk.vtkActor()
     actor.SetMapper(mapper)
-    actor.GetShaderProperty().AddFragmentShaderReplacement("//VTK::Light::Impl", True, _SHADE, False)
     return actor
 
 
-def _set_light(actor: vtk.vtkActor, light: Light, gloss: float) -> None:
-    """Give the light to the actor's shader, in VTK's view coordinates."""
+def _set_light(actor: vtk.vtkActor, light: Light) -> None:
+    """Give the light to the shader of a body, in VTK's view coordinates."""
     uniforms = actor.GetShaderProperty().GetFragmentCustomUniforms()
     uniforms.SetUniform3f("sunVC", (_VIEW_FROM_CAMERA @ light["sun"]).tolist())
     uniforms.SetUniform3f("upVC", (_VIEW_FROM_CAMERA @ light["up"]).tolist())
     uniforms.SetUniform3f("sunColour", np.asarray(light["sun_colour"], float).tolist())
     uniforms.SetUniform3f("skyColour", np.asarray(light["sky_colour"], float).tolist())
     uniforms.SetUniform3f("groundColour", np.asarray(light["ground_colour"], float).tolist())
-    uniforms.SetUniformf("gloss", gloss)
+    uniforms.SetUniformf("gloss", BODY_GLOSS)
 
 
 class DroneRenderer:
-    """A renderer draws one drone type.
+    """A renderer draws one drone at a time.
 
-    Keep one for many frames: setting up costs a second, a frame a few milliseconds.
+    Keep one for many frames and drones: setting up costs half a second, a frame a few milliseconds.
 
     Args:
-        drone: the drone, or its name.
+        drone: the drone, or its name; `show` puts another in its place.
         resolution: side in pixels of the square it draws (before any averaging).
 
     Raises:
@@ -133,11 +168,16 @@ class DroneRenderer:
 
     def __init__(self, drone: str | Drone, resolution: int) -> None:
         check_opengl()
-        self.mesh = drone_mesh(drone)
         self.resolution = resolution
-        self._body = _actor(self.mesh.body, "rgb")
-        self._discs = _actor(self.mesh.propellers(np.zeros(4), 1.0), "rgba")
+        self.mesh: DroneMesh | None = None
+        self._body, self._discs = _actor("rgb"), _actor("rgba")
+        shader = self._body.GetShaderProperty()
+        shader.AddFragmentShaderReplacement("//VTK::Light::Impl", True, _SHADE, False)
+        # a body is closed, so nobody sees the back of a face
+        self._body.GetProperty().BackfaceCullingOn()
+        self._discs.GetProperty().LightingOff()  # see `disc_colours`
         self._discs.ForceTranslucentOn()
+        self.show(drone)
         self._plotter = pv.Plotter(off_screen=True, window_size=(resolution, resolution), lighting="none")
         self._window, renderer = self._plotter.render_window, self._plotter.renderer
         renderer.AddLight(vtk.vtkLight())  # unused by our shader, but without one VTK computes no normals
@@ -155,6 +195,22 @@ class DroneRenderer:
         self._camera.SetFocalPoint(0, 0, 1)
         self._camera.SetViewUp(0, -1, 0)
         self._pixels = vtk.vtkUnsignedCharArray()
+
+    def show(self, drone: str | Drone) -> None:
+        """Draw another drone from now on.
+
+        Raises:
+            InputError: the drone is unknown.
+        """
+        mesh = drone_mesh(drone)
+        if mesh is self.mesh:
+            return
+        self.mesh = mesh
+        self._propellers = mesh.propellers(np.zeros(4), 1.0).copy()
+        self._rgba = self._propellers.point_data["rgba"].reshape(4, SPOKES, -1, 4)
+        self._paint = self._rgba[:, 0, :, :3].copy()  # (4, rings, 3): a disc has rings of one colour
+        self._body.GetMapper().SetInputData(self.mesh.body)
+        self._discs.GetMapper().SetInputData(self._propellers)
 
     def close(self) -> None:
         """Free the window and its buffers."""
@@ -187,11 +243,12 @@ class DroneRenderer:
         pose[:3, :3], pose[:3, 3] = R, t
         matrix = vtk.vtkMatrix4x4()
         matrix.DeepCopy(pose.ravel())
-        self.mesh.propellers(phases, blur)
         self._body.SetUserMatrix(matrix)
         self._discs.SetUserMatrix(matrix)
-        _set_light(self._body, light, BODY_GLOSS)
-        _set_light(self._discs, light, PROPELLER_GLOSS)
+        _set_light(self._body, light)
+        self._rgba[..., :3] = disc_colours(self._paint, self.mesh.hubs, R, t, light)[:, None]
+        self._rgba[..., 3] = self.mesh.opacity(phases, blur)
+        self._propellers.Modified()
         # One off-centre camera: its window centre counts half sides from the principal point.
         x, y, half = float(square[0]), float(square[1]), float(square[2]) / 2
         self._camera.SetViewAngle(2 * np.degrees(np.arctan(half / K[1, 1])))
