@@ -1,16 +1,14 @@
 """Pretrain the compact backbone, the stand-in for ImageNet's weights.
 
-It is trained alone, with simple heads, on further flights of the training scenes.
+It is trained alone, with simple heads, on random quadrotors (`generate --quadrotors A:B`).
 
 A keypoint regressed from max-pooled tokens (Eq. 2) learns slowly from scratch. A heatmap per keypoint, with
 its centre of mass as the answer (soft-argmax, Sun et al. 2018), learns in the first epoch. So the backbone
-first learns with heatmaps, and with a linear classifier and a 6D rotation on pooled features. Then these
-heads are thrown away and the backbone is stored as float16.
+first learns with heatmaps and with a 6D rotation on pooled features. Then these heads are thrown away and the
+backbone is stored as float16.
 
-Which flights it is trained on matters more than how many frames. A backbone pretrained on the 168 training
-flights knows each of them by heart: it names the drone in 100 % of their frames, and in 78 % of unseen ones.
-Whatever is trained on its features afterwards then learns from features that are too good to be true. So ours
-is pretrained on the same scenes flown with other seeds, and never sees the flights it is used on.
+It is shown no class and none of the seven drones. So a drone that is later left out of a training is one that
+no part of the network has ever seen.
 """
 
 from __future__ import annotations
@@ -18,18 +16,17 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import torch
 from safetensors.torch import save
 from torch import Tensor, nn
-from torch.nn.functional import cross_entropy, mse_loss, smooth_l1_loss
+from torch.nn.functional import mse_loss, smooth_l1_loss
 from torch.utils.data import ConcatDataset, Dataset
 
 from dronekeypp import __version__, rotations
-from dronekeypp.classes import match
+from dronekeypp.camera import from_crop, rays
 from dronekeypp.data import FrameDataset, open_dataset
 from dronekeypp.errors import InputError
 from dronekeypp.files import command_line, write_beside
@@ -41,59 +38,46 @@ from dronekeypp.presets import TrainConfig, preset
 from dronekeypp.train import TrainState, choose_device, describe_data, fit
 
 
-@dataclass(frozen=True)
-class PretrainConfig(BackboneConfig):
-    """These are the backbone's settings, and how many drones there are to tell apart."""
-
-    classes: int = 7
-
-
 class PretrainNet(PoseNetwork):
-    """This is the backbone with three heads that are thrown away after the pretraining.
+    """This is the backbone with two heads that are thrown away after the pretraining.
 
-    It turns image (B, 3, S, S) into keypoints (B, 4, 2) in crop units, class_logits and class_probs
-    (B, classes), and R (B, 3, 3).
+    It turns image (B, 3, S, S), K (B, 3, 3) and square (B, 3) into keypoints (B, 4, 2) in crop units and R
+    (B, 3, 3), camera←body. The rotation head says how the drone looks along the ray to the crop's centre.
     """
 
     method = "backbone"
-    Config = PretrainConfig
-    learns_from = ("keypoints", "label", "R")
+    Config = BackboneConfig
+    learns_from = ("keypoints", "R")
     judged_by = "keypoints"
 
-    def __init__(self, config: PretrainConfig) -> None:
+    def __init__(self, config: BackboneConfig) -> None:
         super().__init__()
         self.config = config
         self.backbone = Backbone(config, load=False)
         C = self.backbone.channels
         self.heatmaps = nn.Conv2d(C, 4, 1)
-        self.to_class = nn.Linear(C, config.classes)
         self.to_rotation = nn.Linear(C, 6)
         with torch.no_grad():
             self.to_rotation.bias.copy_(torch.tensor([1.0, 0.0, 0.0, 0.0, 1.0, 0.0]))
 
-    def forward(
-        self, image: Tensor, K: Tensor | None = None, square: Tensor | None = None
-    ) -> dict[str, Tensor]:
-        """Return the answers of the three heads; K and square are not used."""
+    def forward(self, image: Tensor, K: Tensor, square: Tensor) -> dict[str, Tensor]:
+        """Return the answers of the two heads."""
         features = self.backbone(image)  # (B, C, s, s)
         pooled = features.mean(dim=(2, 3))  # (B, C)
-        logits = self.to_class(pooled)
+        seen = rotations.matrix_from_6d(self.to_rotation(pooled))  # (B, 3, 3) along the ray
+        centre = from_crop(square.new_full((1, 2), 0.5), square)  # (B, 1, 2) pixels
         return {
             "keypoints": soft_argmax(self.heatmaps(features)),
-            "class_logits": logits,
-            "class_probs": logits.softmax(dim=-1),
-            "R": rotations.matrix_from_6d(self.to_rotation(pooled)),
+            "R": rotations.towards(rays(centre, K)[:, 0]) @ seen,
         }
 
     def losses(self, output: dict, batch: dict, keypoint_unit: float) -> dict[str, Tensor]:
-        """Return the three terms, with weights that let them start near one another.
+        """Return the two terms, with weights that let them start near one another.
 
-        They are smooth L1 on keypoints in tenths of the crop (with the keypoint unit 10), 0.3 times the
-        cross-entropy of the class, and the MSE on R.
+        They are smooth L1 on keypoints in tenths of the crop (with the keypoint unit 10), and the MSE on R.
         """
         return {
             "L_2D": smooth_l1_loss(keypoint_unit * output["keypoints"], keypoint_unit * batch["keypoints"]),
-            "L_cls": 0.3 * cross_entropy(output["class_logits"], batch["label"]),
             "L_rot": mse_loss(output["R"], batch["R"]),
         }
 
@@ -156,7 +140,7 @@ def pretrain(
         val_root: the data set whose validation scenes judge the backbone; by default the first of
             `dataset_roots`.
         epochs: epochs to train.
-        overrides: settings of PretrainConfig and TrainConfig, as in `train`.
+        overrides: settings of BackboneConfig and TrainConfig, as in `train`.
         resume: go on from OUT_FILE.resume.
         progress: show a bar and one line per epoch.
         command: the command that is recorded in the file; None for that of this process.
@@ -185,13 +169,8 @@ def pretrain(
             root, "train", size=size, augment=config.augment, seed=config.seed + i, degrade=config.degrade
         )
         parts.append(part)
-        if match(part.drones, parts[0].drones) != list(range(len(parts[0].drones))):
-            raise InputError(
-                f"{root} holds other drones than {dataset_roots[0]}; pretrain on data sets of the same"
-            )
     train_set = parts[0] if len(parts) == 1 else Joined(parts)
     val_set = open_dataset(val_root or dataset_roots[0], "val", size=size)
-    model_config = model_config.replace(classes=len(train_set.drones))
     command = command or command_line()
     return pretrain_to(train_set, val_set, out_file, model_config, config, resume, progress, command)
 
@@ -200,7 +179,7 @@ def pretrain_to(
     train_set: Dataset,
     val_set: Dataset,
     out_file: str | Path,
-    model_config: PretrainConfig,
+    model_config: BackboneConfig,
     config: TrainConfig,
     resume: bool = False,
     progress: bool = False,
