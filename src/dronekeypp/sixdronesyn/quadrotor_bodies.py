@@ -1,16 +1,18 @@
 """This module builds the bodies of random quadrotors, one builder for each family."""
 
 from dronekeypp.sixdronesyn.drone import Drone
-from dronekeypp.sixdronesyn.quadrotor_hulls import enterprise, folding, shell, toy
+from dronekeypp.sixdronesyn.quadrotor_frames import plates, racer
+from dronekeypp.sixdronesyn.quadrotor_hulls import enterprise, folding, shell
 from dronekeypp.sixdronesyn.quadrotor_plan import plan_of, scaled
+from dronekeypp.sixdronesyn.quadrotor_small import ducted, toy
 from dronekeypp.sixdronesyn.shapes import Part, mirrored
 
 _BUILDERS = {
     "folding": folding,
     "shell": shell,
-    "racer": folding,
-    "plate": enterprise,
-    "ducted": toy,
+    "racer": racer,
+    "plate": plates,
+    "ducted": ducted,
     "toy": toy,
     "enterprise": enterprise,
 }

@@ -23,7 +23,7 @@ from dronekeypp.sixdronesyn.quadrotor_plan import Plan, Sides, tube
 from dronekeypp.sixdronesyn.shapes import Part, beam, block, hull, painted
 
 
-def _fuselage(
+def fuselage(
     plan: Plan, x: tuple[float, float], half: float, z: tuple[float, float], bay: float, soft: float
 ) -> Part:
     """Build a hull from x[0] to x[1], of half width `half`, between two heights.
@@ -74,7 +74,7 @@ def folding(plan: Plan) -> Sides:
     bottom = min(bottom, top - 24)
     high = top - bottom
     bay = plan.draw(0.3, 0.62)
-    body = _fuselage(plan, x, half, (bottom, top), bay, plan.draw(0.2, 1.0))
+    body = fuselage(plan, x, half, (bottom, top), bay, plan.draw(0.2, 1.0))
     dark = plan.trim
     if plan.chance(0.7):
         body = painted(
@@ -183,7 +183,7 @@ def shell(plan: Plan) -> Sides:
     high = plan.draw(0.13, 0.2) * 300
     top = min(plan.roof(x, half), plan.low + plan.draw(0.0, 18.0))
     bottom = top - high
-    body = _fuselage(plan, x, half, (bottom, top), plan.draw(0.05, 0.2), plan.draw(0.5, 1.0))
+    body = fuselage(plan, x, half, (bottom, top), plan.draw(0.05, 0.2), plan.draw(0.5, 1.0))
     if plan.chance(0.5):
         body = painted(body, shade(rgb, 0.75), z=(bottom - 9, bottom + 0.35 * high))
     if plan.chance(0.6):
@@ -238,86 +238,6 @@ def shell(plan: Plan) -> Sides:
     return middle, left
 
 
-def toy(plan: Plan) -> Sides:
-    """Build a small moulded drone on thin legs, its canopy in a bright colour."""
-    rgb, dark = plan.hull, plan.trim
-    reach = 0.5 * (plan.front[0] - plan.rear[0])
-    x = (-plan.draw(0.7, 1.2) * reach, plan.draw(0.75, 1.25) * reach)
-    free = plan.free_half(x)
-    half = min(plan.draw(0.11, 0.19) * 300, max(free, 24))
-    drop = plan.motor * plan.draw(2.0, 3.2)
-    bottom = plan.ground + plan.draw(0.1, 0.35) * plan.height
-    roof = plan.roof(x, half)
-    top = min(roof, bottom + plan.draw(0.55, 0.85) * plan.height)
-    top = max(top, bottom + 20) if roof > bottom + 20 else roof
-    high = top - bottom
-    body = _fuselage(plan, x, half, (bottom, top), plan.draw(0.05, 0.4), plan.draw(0.4, 1.0))
-    if plan.chance(0.75):
-        body = painted(body, dark, z=(bottom - 9, bottom + plan.draw(0.25, 0.5) * high))
-    if plan.chance(0.6):
-        body = sticker(plan, body, x, half, (bottom + 0.5 * high, top + 9))
-    if plan.chance(0.6):  # the window in front
-        low = bottom + plan.draw(0.4, 0.6) * high
-        body = painted(
-            body,
-            plan.pick(BLACK, dark, plan.accent),
-            x=(x[1] - 0.25 * (x[1] - x[0]), x[1] + 9),
-            z=(low, low + 0.28 * high),
-        )
-    middle = [body]
-    if plan.chance(0.6):
-        size = plan.draw(0.2, 0.34) * half
-        middle += fixed_camera(
-            plan, (x[1] - 0.3 * size, 0, bottom + 0.4 * high), size, plan.draw(-0.3, 0.2), dark
-        )
-    wide = plan.draw(0.018, 0.034) * 300
-    left = []
-    front_rgb = plan.pick(dark, rgb, BLACK)
-    rear_rgb = plan.pick(front_rgb, front_rgb, plan.accent)
-    for hub, end, colour in ((plan.front, x[1], front_rgb), (plan.rear, x[0], rear_rgb)):
-        level = min(bottom + 0.45 * high, hub[2] - drop)
-        sizes = [(1.8 * wide, 1.1 * wide), (wide, 0.8 * wide), (0.9 * wide, 0.7 * wide)]
-        left.append(arm((0.4 * end, 0.5 * half, level), hub, drop, sizes, colour, (0.5, 0.55, 0.5)))
-        foot = (plan.ground, 0, plan.draw(0, 4))
-        left.append(leg(hub, drop + 2, foot, (wide, 0.6 * wide), 0.4 * wide, colour))
-    left += motors(plan, drop, plan.pick(dark, rgb, plan.accent))
-    left += lights(plan, 0.9 * drop)
-    left += guards(plan, drop)
-    if plan.chance(0.3):
-        left += rod((0.6 * x[0], 0.3 * half, top - 0.3 * high), (-0.4, 0.1, 1), 0.6 * high, 1.4, BLACK)
-    return middle, left
-
-
-def guards(plan: Plan, drop: float) -> list[Part]:
-    """Build the left propeller guards of a toy, where there is room: arcs on two struts, or none."""
-    spare = 0.5 * (2 * min(plan.front[1], plan.rear[1]) - 2 * plan.radius)
-    thick = plan.draw(1.6, 2.6)
-    if spare < 2.4 * thick + 3 or plan.chance(0.35):
-        return []
-    parts = []
-    rgb = plan.pick(plan.trim, plan.hull, plan.accent, BLACK)
-    radius = plan.radius + 0.5 * spare + 1
-    wide = plan.draw(0.5, 0.95) * np.pi
-    level = plan.draw(-0.8, 0.2) * drop
-    for hub in (plan.front, plan.rear):
-        outward = np.arctan2(hub[1], hub[0])
-        angle = outward + np.linspace(-wide, wide, 17)
-        path = np.stack([hub[0] + radius * np.cos(angle), hub[1] + radius * np.sin(angle)], -1)
-        if path[:, 1].min() < 2 * thick:  # it would meet its mirror image
-            path = path[path[:, 1] >= 2 * thick]
-        knots = np.column_stack([path, np.full(len(path), hub[2] + level)])
-        sizes = np.tile([thick, 1.4 * thick], (len(knots), 1))
-        parts.append(beam(knots, sizes, rgb, along=2 * len(knots), around=6))
-        for turn in (-0.3 * wide, 0.3 * wide):
-            direction = np.array([np.cos(outward + turn), np.sin(outward + turn), 0])
-            start = hub + (0, 0, -0.9 * drop)
-            elbow = hub + radius * direction + (0, 0, -0.9 * drop)
-            end = hub + radius * direction + (0, 0, level)
-            parts.append(tube(start, elbow, 0.8 * thick, rgb, around=6))
-            parts.append(tube(elbow, end, 0.8 * thick, rgb, around=6))
-    return parts
-
-
 def enterprise(plan: Plan) -> Sides:
     """Build a working drone: a box of a hull, tube arms, tall legs, batteries and antennas."""
     rgb, dark = plan.hull, plan.trim
@@ -330,7 +250,7 @@ def enterprise(plan: Plan) -> Sides:
     bottom = max(top - high, plan.ground + 0.3 * plan.height)
     bottom = min(bottom, top - 26)
     high = top - bottom
-    body = _fuselage(plan, x, half, (bottom, top), plan.draw(0.1, 0.35), plan.draw(0.0, 0.6))
+    body = fuselage(plan, x, half, (bottom, top), plan.draw(0.1, 0.35), plan.draw(0.0, 0.6))
     if plan.chance(0.6):
         body = painted(body, dark, x=(x[1] - plan.draw(0.15, 0.3) * (x[1] - x[0]), x[1] + 9))
     if plan.chance(0.5):

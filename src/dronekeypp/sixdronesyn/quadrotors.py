@@ -83,8 +83,8 @@ FAMILIES: dict[str, Family] = {
     "racer": Family(
         weight=2.0,
         size=(0.10, 0.40),
-        height=(0.19, 0.30),
-        hub_height=(0.42, 0.6),
+        height=(0.21, 0.31),
+        hub_height=(0.36, 0.5),
         aspect=(-0.3, 0.3),
         taper=(-0.12, 0.25),
         rise=(0.0, 0.0),
@@ -145,6 +145,8 @@ FAMILIES: dict[str, Family] = {
         three_blades=0.04,
     ),
 }
+
+RINGED = ("ducted", "toy")  # the families with something around the propellers
 
 
 def number_of(name: str) -> int | None:
@@ -277,7 +279,8 @@ def quadrotor(number: int, seed: int = 0) -> Drone:
     blades = 2
     if rng.random() < family.three_blades:
         blades = 3 if rng.random() < 0.8 else 4
-    length, width = 2 * np.abs(hubs[:, :2]).max(axis=0) + 2 * motor
+    edge = 0.52 * neighbour_distance(hubs) if name in RINGED else motor
+    length, width = 2 * np.abs(hubs[:, :2]).max(axis=0) + 2 * edge
     return Drone(
         name=name_of(number),
         label=f"Quadrotor {number}",
