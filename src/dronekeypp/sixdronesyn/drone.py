@@ -35,9 +35,12 @@ class Drone:
         mesh: the mesh file of a drone of your own (see own.py); None for the seven.
         mesh_scale: metres per unit of that mesh.
         digest: what tells that mesh and its numbers from others; None for the seven.
-        blades: how many blades a propeller has, 2 or 3.
+        blades: how many blades a propeller has, 2 to 4.
         blade_width: the width of the blades as a multiple of the usual one.
+        rear_propeller_rgb: the colour of the rear propellers where it differs from that of the front ones.
         number: of a random quadrotor, see quadrotors.py; None for any other drone.
+        family: the family of bodies that a random quadrotor is built as; None for any other drone.
+        draws: the seed that the body of a random quadrotor is drawn from.
         edition: 1 for a shape that only the first edition of the data set has.
     """
 
@@ -61,7 +64,10 @@ class Drone:
     digest: str | None = None
     blades: int = 2
     blade_width: float = 1.0
+    rear_propeller_rgb: tuple[int, int, int] | None = None
     number: int | None = None
+    family: str | None = None
+    draws: int = 0
     edition: int = 2
 
     def __eq__(self, other: object) -> bool:

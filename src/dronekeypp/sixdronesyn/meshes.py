@@ -22,11 +22,10 @@ BLADE = np.array(
     [[0.03, 0.01], [0.10, 0.07], [0.34, 0.20], [0.62, 0.165], [0.86, 0.12], [0.97, 0.085], [1.0, 0.02]]
 )
 BLADE_HALF_ANGLE = BLADE[:, 1] / BLADE[:, 0] / 2  # radians, as seen from the hub
-BLADES = 2
 
 
-def _coverage(angle: np.ndarray, half_width: np.ndarray, blur: float) -> np.ndarray:
-    """Return the share (0 to 1) of the exposure in which one of the two blades covers a direction.
+def _coverage(angle: np.ndarray, half_width: np.ndarray, blur: float, blades: int = 2) -> np.ndarray:
+    """Return the share (0 to 1) of the exposure in which one of the blades covers a direction.
 
     A blade is a box function of the angle. The exposure slides it through `blur` radians, and a cell of the
     mesh averages over its own width. That makes three boxes convolved; the closed form of the convolution is
@@ -36,12 +35,13 @@ def _coverage(angle: np.ndarray, half_width: np.ndarray, blur: float) -> np.ndar
         angle: radians ahead of the first blade's middle position, (4, SPOKES, 1).
         half_width: half the angle that a blade fills, radians, (len(BLADE),).
         blur: the angle that a blade sweeps during the exposure, radians.
+        blades: how many blades a propeller has.
     """
     blur = np.clip(blur, 0.02, 2 * np.pi)
     cell = 2 * np.pi / SPOKES
-    turn = 2 * np.pi / BLADES
+    turn = 2 * np.pi / blades
     # the angle to the nearest blade and to those that may reach this direction within one whole turn
-    x = np.remainder(angle, turn)[..., None] - turn * np.arange(-1, 3)
+    x = np.remainder(angle, turn)[..., None] - turn * np.arange(-(blades // 2), blades // 2 + 2)
     total = np.zeros(np.broadcast_shapes(angle.shape, half_width.shape))
     for a in (-1, 1):
         for b in (-1, 1):
@@ -85,7 +85,12 @@ class DroneMesh:
         points = (self.hubs[:, None, None] + disc).reshape(-1, 3).astype(np.float32)
 
         colour = np.tile(np.asarray(self.drone.propeller_rgb, np.uint8), (4, SPOKES, rings, 1))
-        colour[:, :, -2:] = self.drone.tip_rgb
+        if self.drone.rear_propeller_rgb is not None:
+            colour[2:] = self.drone.rear_propeller_rgb
+        if self.drone.rear_propeller_rgb is not None:
+            colour[2:] = self.drone.rear_propeller_rgb
+        if self.drone.rear_propeller_rgb is None or self.drone.tip_rgb != self.drone.propeller_rgb:
+            colour[:, :, -2:] = self.drone.tip_rgb
         opacity = np.zeros((4, SPOKES, rings, 1), np.uint8)  # `propellers` fills it in
 
         self._discs = as_polydata(points, faces)
@@ -124,7 +129,8 @@ class DroneMesh:
                 "give four angles and a blur of 0 or more, radians"
             )
         angle = np.arange(SPOKES) * (2 * np.pi / SPOKES) - phases[:, None]
-        alpha = _coverage(angle[:, :, None], BLADE_HALF_ANGLE, float(blur_radians))
+        half_width = self.drone.blade_width * BLADE_HALF_ANGLE
+        alpha = _coverage(angle[:, :, None], half_width, float(blur_radians), self.drone.blades)
         return np.rint(255 * alpha).astype(np.uint8)
 
 

@@ -39,7 +39,7 @@ def as_polydata(points: np.ndarray, faces: np.ndarray) -> pv.PolyData:
     return pv.PolyData(points, cells.ravel())
 
 
-def _part(points: np.ndarray, faces: np.ndarray, rgb: RGB, gloss: float, crease: float = 38.0) -> Part:
+def surface(points: np.ndarray, faces: np.ndarray, rgb: RGB, gloss: float, crease: float = 38.0) -> Part:
     """Return a part of one colour.
 
     Its faces are turned outward, and faces without area are dropped. Normals are split where two faces meet
@@ -85,7 +85,7 @@ def _tube(rings: np.ndarray, rgb: RGB, gloss: float, crease: float = 38.0) -> Pa
     first_middle, last_middle = count * around, count * around + 1
     faces.append(np.stack([np.full(around, first_middle), k, following], 1))
     faces.append(np.stack([np.full(around, last_middle), last + following, last + k], 1))
-    return _part(points, np.concatenate(faces), rgb, gloss, crease)
+    return surface(points, np.concatenate(faces), rgb, gloss, crease)
 
 
 def _oval(around: int, exponent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

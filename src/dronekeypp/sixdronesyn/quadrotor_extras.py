@@ -1,0 +1,201 @@
+"""This module builds what random quadrotors carry: cameras, batteries, antennas, domes, legs and stickers.
+
+Lengths are design millimetres (see quadrotor_plan.py). Left and right parts are the caller's to mirror.
+"""
+
+import numpy as np
+
+from dronekeypp.sixdronesyn.fittings import (
+    BLACK,
+    GLASS,
+    GREEN,
+    METAL,
+    RED,
+    WHITE,
+    gimbal,
+    lens,
+    light,
+    motor,
+    shade,
+)
+from dronekeypp.sixdronesyn.quadrotor_plan import Plan, Point, facing, plate, rounded, tube
+from dronekeypp.sixdronesyn.shapes import RGB, Part, block, lathe, moved, painted
+
+CARBON = (34, 35, 38)
+LIGHTS = (RED, GREEN, WHITE, (40, 120, 255), (255, 160, 30))
+
+
+def motors(plan: Plan, height: float, base: RGB) -> list[Part]:
+    """Build the two left motors; the bells have the same colour in front and at the rear, or not."""
+    bell = plan.pick(METAL, METAL, BLACK, (150, 152, 156), plan.accent)
+    rear_bell = plan.accent if plan.chance(0.12) else bell
+    front = motor(plan.front, plan.motor, height, base, bell)
+    return front + motor(plan.rear, plan.motor, height, base, rear_bell)
+
+
+def lights(plan: Plan, drop: float) -> list[Part]:
+    """Build status lights at the motors, in front, at the rear or both, of different colours."""
+    parts = []
+    pair = plan.pick((RED, GREEN), (GREEN, RED), (RED, WHITE), (WHITE, RED), (LIGHTS[3], RED))
+    half = np.array([1.4, 4.0, 1.8]) * plan.draw(0.9, 1.6)
+    kind = plan.rng.random()
+    if kind < 0.75:
+        parts.append(light(plan.rear, plan.motor, drop, pair[1], half))
+    if kind > 0.35:
+        parts.append(light(plan.front, plan.motor, drop, pair[0], half))
+    return parts
+
+
+def gimbal_camera(plan: Plan, x: float, top: float, bottom: float, size: float) -> list[Part]:
+    """Build a camera on a gimbal that hangs at `x`, its stem up to `top`, and not below `bottom`.
+
+    `size` is the camera's half width.
+    """
+    tall = plan.draw(0.75, 1.25)
+    half = (plan.draw(0.7, 1.0) * size, size, tall * size)
+    z = max(bottom + half[2], top - plan.draw(1.0, 1.35) * half[2])
+    lenses = [(0.0, 0.0, plan.draw(0.45, 0.62) * size)]
+    if plan.chance(0.35) and tall > 0.95:
+        r = 0.4 * half[2]
+        lenses = [(0.0, 0.48 * half[2], plan.draw(0.75, 1.0) * r), (0.0, -0.45 * half[2], r)]
+    elif plan.chance(0.15):
+        lenses = [(0.45 * size, 0.0, 0.36 * size), (-0.45 * size, 0.0, 0.36 * size)]
+    body = plan.pick(plan.grey(30, 70), plan.grey(90, 150), plan.hull, WHITE)
+    yoke = plan.pick(plan.grey(30, 80), shade(plan.hull, 0.8), plan.grey(120, 190))
+    return gimbal((x, 0, z), half, max(top, z + 1), body, yoke, lenses, hood=plan.chance(0.15))
+
+
+def fixed_camera(plan: Plan, at: Point, size: float, up: float, rgb: RGB) -> list[Part]:
+    """Build a small camera that looks forward, `up` radians above the horizon. `size` is its half width."""
+    turn = facing((np.cos(up), 0, np.sin(up)))
+    parts = [block((0, 0, 0), (0.7 * size, size, size), rgb, around=12)]
+    parts += lens((1.25 * size, 0, 0), 0.66 * size, 0.7 * size, rim=BLACK)
+    return [moved(part, turn, at) for part in parts]
+
+
+def action_camera(plan: Plan, at: Point, size: float, up: float) -> list[Part]:
+    """Build an action camera in its holder; `at` is the middle of its foot. `size` is its half width."""
+    turn = facing((np.cos(up), 0, np.sin(up)))
+    case = plan.grey(28, 70)
+    half = (0.62 * size, size, 0.72 * size)
+    parts = [block((0, 0, half[2]), half, case, soft=0.4, around=16)]
+    parts += lens((half[0] + 1.5, -0.45 * size, 1.3 * half[2]), 0.42 * size, 3, rim=BLACK)
+    parts.append(
+        block((half[0], 0.45 * size, 1.2 * half[2]), (0.8, 0.36 * size, 0.3 * size), GLASS, around=8)
+    )
+    parts.append(
+        block((-0.2 * half[0], 0, 0.3 * half[2]), (half[0], 1.12 * size, 0.4 * half[2]), plan.accent)
+    )
+    return [moved(part, turn, at) for part in parts]
+
+
+def battery(plan: Plan, at: Point, half: Point) -> list[Part]:
+    """Build a battery pack with a label and a strap around it."""
+    x, y, z = at
+    hx, hy, hz = half
+    case = plan.pick(
+        BLACK, plan.grey(30, 60), (28, 52, 120), (210, 170, 30), plan.grey(180, 230), plan.accent
+    )
+    pack = block(at, half, case, soft=0.2, exponent=8)
+    label = plan.pick(WHITE, plan.accent, (230, 200, 40), (200, 40, 40))
+    pack = painted(pack, label, x=(x - 0.75 * hx, x - 0.2 * hx))
+    strap = block(
+        (x + plan.draw(-0.1, 0.4) * hx, y, z), (0.13 * hx, hy + 0.9, hz + 0.9), plan.pick(BLACK, plan.accent)
+    )
+    wire = tube(
+        (x - 0.95 * hx, y + 0.3 * hy, z), (x - 1.25 * hx, y + 0.5 * hy, z - 0.4 * hz), 1.6, RED, around=6
+    )
+    return [pack, strap, wire]
+
+
+def dome(plan: Plan, at: Point, radius: float, mast: float, rgb: RGB) -> list[Part]:
+    """Build a satellite receiver: a flat round case on a mast. `at` is the foot of the mast."""
+    x, y, z = at
+    top = z + mast
+    r, high = radius, radius * plan.draw(0.35, 0.7)
+    profile = [
+        (0.86 * r, 0),
+        (r, 0.2 * high),
+        (r, 0.55 * high),
+        (0.8 * r, 0.9 * high),
+        (0.4 * r, high),
+        (0, high),
+    ]
+    parts = [lathe(profile, rgb, (x, y, top), segments=18, gloss=0.5)]
+    if mast > 0:
+        parts.append(tube((x, y, z - 2), (x, y, top + 1), max(1.6, 0.14 * r), CARBON))
+        parts.append(lathe([(0.5 * r, -1), (0.5 * r, 1.5)], CARBON, (x, y, z), segments=12))
+    return parts
+
+
+def rod(foot: Point, lean: Point, length: float, radius: float, rgb: RGB, pod: float = 0.0) -> list[Part]:
+    """Build a rod antenna from `foot` along `lean`, with a pod of that radius at its end if it is not 0."""
+    direction = np.asarray(lean, float) / np.linalg.norm(lean)
+    start = np.asarray(foot, float) - radius * direction
+    end = start + length * direction
+    parts = [tube(start, end, radius, rgb, around=6)]
+    if pod > 0:
+        profile = [(0.5 * pod, -0.3 * pod), (pod, 0.1 * pod), (pod, 0.6 * pod), (0.6 * pod, 1.1 * pod)]
+        parts.append(lathe(profile, rgb, end, direction, segments=12))
+    return parts
+
+
+def landing_skid(plan: Plan, root: Point, y: float, thick: float, rgb: RGB, length: float) -> list[Part]:
+    """Build the left half of a tube undercarriage: a strut from `root` down to a bar along x at `y`."""
+    x, _, _ = root
+    z = plan.ground + 1.2 * thick
+    bar = tube((x - 0.5 * length, y, z), (x + 0.5 * length, y, z), thick, rgb)
+    foam = plan.pick(BLACK, BLACK, plan.accent)
+    ends = []
+    for sign in (-1, 1):
+        inner, outer = x + 0.3 * sign * length, x + 0.5 * sign * length
+        ends.append(tube((inner, y, z), (outer, y, z), 1.2 * thick, foam))
+    return [tube(root, (x, y, z), thick, rgb), bar, *ends]
+
+
+def landing_loop(
+    plan: Plan, x: tuple[float, float], top: Point, y: float, thick: float, rgb: RGB
+) -> list[Part]:
+    """Build the left leg of a landing frame: two struts from the belly down to a runner along x at `y`.
+
+    `x` is (rear, front) of the struts' feet; `top` is (x shift towards the middle, y, z) of their roots.
+    """
+    rear, front = x
+    inward, root_y, root_z = top
+    z = plan.ground + thick
+    parts = [tube((rear - 6, y, z), (front + 6, y, z), thick, rgb)]
+    for foot, shift in ((rear, inward), (front, -inward)):
+        parts.append(tube((foot + shift, root_y, root_z), (foot, y, z), 0.9 * thick, rgb))
+    return parts
+
+
+def sticker(plan: Plan, part: Part, x: tuple[float, float], half: float, z: tuple[float, float]) -> Part:
+    """Paint a patch, a stripe along x, a band across or two stripes on the top of a hull."""
+    kind = int(plan.rng.integers(4))
+    rear, front = x
+    length = front - rear
+    if kind == 0:
+        middle = plan.draw(rear + 0.3 * length, front - 0.3 * length)
+        size = plan.draw(0.06, 0.16) * length
+        return painted(part, plan.accent, x=(middle - size, middle + size), y=(-0.6 * half, 0.6 * half), z=z)
+    if kind == 1:
+        wide = plan.draw(0.12, 0.35) * half
+        return painted(part, plan.accent, y=(-wide, wide), z=z)
+    if kind == 2:
+        at = plan.draw(rear + 0.1 * length, front - 0.1 * length)
+        return painted(part, plan.accent, x=(at, at + plan.draw(0.05, 0.15) * length))
+    inner, wide = plan.draw(0.3, 0.5) * half, plan.draw(0.08, 0.2) * half
+    part = painted(part, plan.accent, y=(inner, inner + wide), z=z)
+    return painted(part, plan.accent, y=(-inner - wide, -inner), z=z)
+
+
+def box(plan: Plan, at: Point, half: Point, rgb: RGB) -> list[Part]:
+    """Build a payload or a case: a box with a lid of another shade."""
+    x, y, z = at
+    hx, hy, hz = half
+    lid = plate(
+        rounded((x - 0.8 * hx, x + 0.8 * hx), 0.8 * hy, 0.2 * hy),
+        (z + 0.5 * hz, z + hz + 0.6),
+        shade(rgb, 0.7),
+    )
+    return [block(at, half, rgb, soft=0.2, exponent=8), lid]

@@ -1,0 +1,259 @@
+"""This module builds the small random quadrotors: toys on thin legs, and those with ducts.
+
+Lengths are design millimetres (see quadrotor_plan.py). Each builder returns the parts on the middle plane and
+those to the left, like airframes.py.
+"""
+
+import numpy as np
+
+from dronekeypp.sixdronesyn.fittings import BLACK, RED, WHITE, arm, eye, leg, shade
+from dronekeypp.sixdronesyn.quadrotor_extras import (
+    CARBON,
+    action_camera,
+    battery,
+    fixed_camera,
+    gimbal_camera,
+    lights,
+    motors,
+    rod,
+    sticker,
+)
+from dronekeypp.sixdronesyn.quadrotor_hulls import fuselage
+from dronekeypp.sixdronesyn.quadrotor_plan import Plan, Sides, plate, ring, rounded
+from dronekeypp.sixdronesyn.quadrotors import neighbour_distance
+from dronekeypp.sixdronesyn.shapes import Part, beam, block, painted
+
+
+def toy(plan: Plan) -> Sides:
+    """Build a small moulded drone on thin legs, its canopy in a bright colour."""
+    rgb, dark = plan.hull, plan.trim
+    reach = 0.5 * (plan.front[0] - plan.rear[0])
+    x = (-plan.draw(0.7, 1.2) * reach, plan.draw(0.75, 1.25) * reach)
+    free = plan.free_half(x)
+    half = min(plan.draw(0.11, 0.19) * 300, max(free, 24))
+    drop = plan.motor * plan.draw(2.0, 3.2)
+    bottom = plan.ground + plan.draw(0.1, 0.35) * plan.height
+    roof = plan.roof(x, half)
+    top = min(roof, bottom + plan.draw(0.55, 0.85) * plan.height)
+    top = max(top, bottom + 20) if roof > bottom + 20 else roof
+    high = top - bottom
+    body = fuselage(plan, x, half, (bottom, top), plan.draw(0.05, 0.4), plan.draw(0.4, 1.0))
+    if plan.chance(0.75):
+        body = painted(body, dark, z=(bottom - 9, bottom + plan.draw(0.25, 0.5) * high))
+    if plan.chance(0.6):
+        body = sticker(plan, body, x, half, (bottom + 0.5 * high, top + 9))
+    if plan.chance(0.6):  # the window in front
+        low = bottom + plan.draw(0.4, 0.6) * high
+        body = painted(
+            body,
+            plan.pick(BLACK, dark, plan.accent),
+            x=(x[1] - 0.25 * (x[1] - x[0]), x[1] + 9),
+            z=(low, low + 0.28 * high),
+        )
+    middle = [body]
+    if plan.chance(0.6):
+        size = plan.draw(0.2, 0.34) * half
+        middle += fixed_camera(
+            plan, (x[1] - 0.3 * size, 0, bottom + 0.4 * high), size, plan.draw(-0.3, 0.2), dark
+        )
+    wide = plan.draw(0.018, 0.034) * 300
+    left = []
+    front_rgb = plan.pick(dark, rgb, BLACK)
+    rear_rgb = plan.pick(front_rgb, front_rgb, plan.accent)
+    for hub, end, colour in ((plan.front, x[1], front_rgb), (plan.rear, x[0], rear_rgb)):
+        level = min(bottom + 0.45 * high, hub[2] - drop)
+        sizes = [(1.8 * wide, 1.1 * wide), (wide, 0.8 * wide), (0.9 * wide, 0.7 * wide)]
+        left.append(arm((0.4 * end, 0.5 * half, level), hub, drop, sizes, colour, (0.5, 0.55, 0.5)))
+        foot = (plan.ground, 0, plan.draw(0, 4))
+        left.append(leg(hub, drop + 2, foot, (wide, 0.6 * wide), 0.4 * wide, colour))
+    left += motors(plan, drop, plan.pick(dark, rgb, plan.accent))
+    left += lights(plan, 0.9 * drop)
+    left += _guards(plan, drop)
+    if plan.chance(0.3):
+        left += rod((0.6 * x[0], 0.3 * half, top - 0.3 * high), (-0.4, 0.1, 1), 0.6 * high, 1.4, BLACK)
+    return middle, left
+
+
+def _guards(plan: Plan, drop: float) -> list[Part]:
+    """Build the left propeller guards of a toy, where there is room: rings or arcs on struts, or none."""
+    spare = _spare(plan)
+    thick = plan.draw(1.6, 2.6)
+    if spare < 2.4 * thick + 3 or plan.chance(0.35):
+        return []
+    parts = []
+    rgb = plan.pick(plan.trim, plan.hull, plan.accent, BLACK)
+    radius = plan.radius + 0.5 * spare + 1
+    whole = plan.chance(0.5)
+    wide = np.pi if whole else plan.draw(0.45, 0.8) * np.pi
+    level = plan.draw(-0.6, 0.2) * drop
+    for hub in (plan.front, plan.rear):
+        outward = np.arctan2(hub[1], hub[0])
+        if whole:
+            profile = [(radius - thick, level - 1.4 * thick), (radius + thick, level - 1.4 * thick)]
+            profile += [(radius + thick, level + 1.4 * thick), (radius - thick, level + 1.4 * thick)]
+            parts.append(ring(hub, profile, rgb, segments=40))
+        else:
+            angle = outward + np.linspace(-wide, wide, 17)
+            knots = hub + np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(17, level)], -1)
+            sizes = np.tile([thick, 1.4 * thick], (17, 1))
+            parts.append(beam(knots, sizes, rgb, along=25, around=6))
+        for turn in (-0.75 * wide, 0.0, 0.75 * wide) if whole else (-0.6 * wide, 0.6 * wide):
+            direction = np.array([np.cos(outward + turn), np.sin(outward + turn), 0])
+            start = hub + (0, 0, -0.85 * drop)
+            end = hub + radius * direction + (0, 0, min(level, -4.0))
+            # it stays low until it is beyond the disc
+            parts.append(
+                beam([start, 0.5 * (start + end), end], [(thick, thick)] * 3, rgb, along=3, around=6)
+            )
+    return parts
+
+
+def _spare(plan: Plan) -> float:
+    """Return the room between a disc and the middle of the way to the next one."""
+    distance = neighbour_distance(plan.drone.hubs) * 1000 / plan.scale
+    return 0.5 * distance - plan.radius
+
+
+def ducted(plan: Plan) -> Sides:
+    """Build a drone with a duct around every propeller, its body between them."""
+    spare = _spare(plan)
+    drop = plan.motor * plan.draw(1.2, 1.8)
+    inner = plan.radius + plan.draw(2.0, 3.2)
+    outer = plan.radius + spare + plan.draw(-0.25, 0.1) * spare
+    wall = min(plan.draw(2.0, 7.0), outer - inner)
+    tall = plan.draw(0.05, 0.15) * 300
+    above = plan.draw(-0.1, 0.45) * tall
+    rgb = plan.pick(plan.hull, plan.trim, plan.accent, BLACK, plan.grey(200, 245))
+    rear_rgb = plan.pick(rgb, rgb, rgb, plan.accent, plan.trim)
+    lip = plan.draw(0.0, 0.8) * (outer - inner - wall)
+    left = []
+    reach = 0.5 * (plan.front[0] - plan.rear[0])
+    for hub, colour in ((plan.front, rgb), (plan.rear, rear_rgb)):
+        low, high = above - tall, above
+        profile = [(inner, low), (inner + wall, low), (inner + wall, high - 0.3 * tall)]
+        profile += [(inner + wall + lip, high - 1.5), (inner + wall + lip, high), (inner, high)]
+        left.append(ring(hub, profile, colour, segments=36, gloss=plan.draw(0.2, 0.5)))
+        count = 3 if plan.chance(0.5) else 4
+        start = np.arctan2(hub[1], hub[0]) + np.pi / count
+        bottom = -drop - 1.5
+        for k in range(count):
+            angle = start + k * 2 * np.pi / count
+            end = (
+                hub
+                + (inner + 0.5 * wall) * np.array([np.cos(angle), np.sin(angle), 0])
+                + (0, 0, max(bottom, low + 2))
+            )
+            base = hub + (0, 0, bottom)
+            left.append(beam([base, end], [(3.4, 2.4), (2.4, 1.8)], colour, along=2, around=6, round_end=0.1))
+    left += motors(plan, drop, plan.pick(BLACK, plan.trim, rgb))
+    base = plan.low - drop - 3
+    x = (-plan.draw(0.6, 0.95) * reach, plan.draw(0.65, 1.1) * reach)
+    kind = plan.rng.random()
+    if kind < 0.4:
+        middle = _canopy(plan, x, base)
+    elif kind < 0.7:
+        middle = _deck(plan, x, base)
+    else:
+        middle, more = _pod(plan, x, base)
+        left += more
+    # beams from the body to the motors carry the ducts
+    colour = plan.pick(rgb, CARBON, plan.trim)
+    for hub in (plan.front, plan.rear):
+        start, end = (
+            np.array([0.25 * hub[0], 0.12 * hub[1], base]),
+            np.array([hub[0], hub[1], hub[2] - drop - 3]),
+        )
+        left.append(beam([start, end], [(8, 2.6), (6.5, 2.4)], colour, along=3, around=8, exponent=5))
+    if plan.chance(0.35):
+        left += lights(plan, drop)
+    return middle, left
+
+
+def _under(plan: Plan, base: float) -> list[Part]:
+    """Build the battery below the deck at `base`; the drone stands on it."""
+    tall = 0.5 * (base - plan.ground) + 0.5
+    if tall < 3:
+        return []
+    return battery(
+        plan, (plan.draw(-12, 4), 0, plan.ground + tall), (plan.draw(26, 48), plan.draw(12, 18), tall)
+    )
+
+
+def _canopy(plan: Plan, x: tuple[float, float], base: float) -> list[Part]:
+    """Build a whoop: a canopy over the board, a camera that looks out of it, a battery below."""
+    half = min(plan.draw(18, 32), plan.free_half(x))
+    top = base + plan.draw(0.12, 0.2) * 300
+    body = fuselage(plan, x, half, (base - 3, top), plan.draw(0.1, 0.3), plan.draw(0.6, 1.0))
+    if plan.chance(0.7):
+        body = sticker(plan, body, x, half, (base + 0.4 * (top - base), 999))
+    size = plan.draw(0.26, 0.42) * half
+    lift = plan.draw(0.1, 0.6)
+    at = (x[1] - 0.5 * size, 0, base + 0.45 * (top - base))
+    parts = [body, *fixed_camera(plan, at, size, lift, plan.pick(BLACK, plan.trim)), *_under(plan, base - 2)]
+    if plan.chance(0.5):
+        parts += rod((0.8 * x[0], 0, base + 0.5 * (top - base)), (-0.6, 0, 1), plan.draw(20, 40), 1.6, BLACK)
+    return parts
+
+
+def _deck(plan: Plan, x: tuple[float, float], base: float) -> list[Part]:
+    """Build a carbon deck between the ducts, with a battery and a camera on top."""
+    half = min(plan.draw(20, 32), plan.free_half(x))
+    outline = rounded(x, half, 0.5 * half)
+    rise = plan.draw(20, 30)
+    carbon = plan.grey(24, 50)
+    parts = [
+        plate(outline, (base - 2, base + 2), carbon),
+        plate(outline, (base + rise, base + rise + 3), carbon),
+    ]
+    parts.append(
+        block(
+            (0, 0, base + 0.5 * rise),
+            (0.7 * x[1], 0.6 * half, 0.5 * rise + 0.5),
+            plan.pick(CARBON, plan.accent),
+        )
+    )
+    size = plan.draw(0.3, 0.45) * half
+    parts += fixed_camera(plan, (x[1] - 1, 0, base + 0.5 * rise), size, plan.draw(0.0, 0.4), BLACK)
+    top = base + rise + 2.5
+    wide = min(0.8 * half, 18)
+    parts += battery(plan, (0.3 * x[0], 0, top + 11), (0.6 * x[1], wide, 11))
+    if plan.chance(0.6):
+        parts += action_camera(plan, (0.72 * x[1], 0, top), min(13.0, wide), plan.draw(0.0, 0.4))
+    if plan.chance(0.6):
+        parts += rod(
+            (x[0], 0, base + rise), (-0.8, 0, 1), plan.draw(25, 45), 1.8, plan.pick(BLACK, WHITE, RED)
+        )
+    return parts
+
+
+def _pod(plan: Plan, x: tuple[float, float], base: float) -> Sides:
+    """Build a moulded body with the battery in its tail and a camera on a gimbal in its nose."""
+    half = min(plan.draw(22, 36), plan.free_half(x))
+    bottom = max(plan.ground + 1, base - plan.draw(16, 30))
+    top = base + plan.draw(14, 36)
+    high = top - bottom
+    bay = plan.draw(0.3, 0.55)
+    body = fuselage(plan, x, half, (bottom, top), bay, plan.draw(0.2, 0.8))
+    dark = plan.pick(plan.trim, shade(plan.hull, 0.6))
+    body = painted(body, dark, x=(x[0] - 9, x[0] + plan.draw(0.25, 0.45) * (x[1] - x[0])))
+    if plan.chance(0.7):
+        body = painted(
+            body,
+            BLACK,
+            x=(0.8 * x[1], x[1] + 9),
+            z=(bottom + (bay + 0.12) * high, bottom + (bay + 0.3) * high),
+        )
+    size = plan.draw(0.36, 0.5) * half
+    middle = [body, *gimbal_camera(plan, x[1], bottom + (bay + 0.06) * high, bottom + 1, size)]
+    left = []
+    if plan.chance(0.5):
+        left += eye(body, (0.5 * x[0], 0.3 * half, bottom + 0.5 * high), (-1, 0.2, 0.2), 0.14 * half)
+    if bottom - plan.ground > 3:
+        left.append(
+            block(
+                (0, 0.5 * half, 0.5 * (bottom + plan.ground) + 1),
+                (0.5 * x[1], 2.5, 0.5 * (bottom - plan.ground) + 1),
+                dark,
+            )
+        )
+    return middle, left
