@@ -26,6 +26,7 @@ from dronekeypp.bench import (
     row_of,
     table,
 )
+from dronekeypp.bench.rendering import rendering_speed
 from dronekeypp.cli import main
 from dronekeypp.errors import InputError
 from dronekeypp.export import export
@@ -156,3 +157,10 @@ def test_bad_calls(checkpoint, tmp_path, capsys):
         bench(saved(tmp_path / "truth", encoder="truth"))
     assert main(["bench", "--checkpoint", str(tmp_path)]) == 2
     assert "not found: a checkpoint is a folder" in capsys.readouterr().err
+
+
+def test_the_speed_of_generate():
+    """A small part of the second edition is rendered twice; the second time counts."""
+    speed = rendering_speed(1, scene_numbers=(6,), drone_names=("Tello",), stride=30)
+    assert speed.pop("frames_per_s") > 0
+    assert speed == {"frames": 12, "size": 128, "workers": 1}

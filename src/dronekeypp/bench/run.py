@@ -18,6 +18,7 @@ from tqdm import tqdm
 
 from dronekeypp import __version__
 from dronekeypp.bench.contender import Contender, contenders, named
+from dronekeypp.bench.rendering import rendering_speed
 from dronekeypp.bench.rows import detector_of, row_of, table
 from dronekeypp.bench.stages import Facts
 from dronekeypp.bench.worker import Round, prepare, run
@@ -45,14 +46,15 @@ def bench(
         threads: the threads of each contender; by default one a core.
         rounds: how often every contender is asked.
         seconds: how long it runs in each round.
-        chosen: who takes part; by default `contenders` of the checkpoints.
+        chosen: who takes part; by default `contenders` of the checkpoints, and the rendering of the data.
         progress: whether to print the table, and to show a bar in a terminal.
 
     Returns:
         {"name", "hardware", "rounds", "seconds", "versions", "rows"}. A row holds name, engine, device,
         batch, threads, frames_per_s (median over the rounds), ratio_to_yolov8n_pose (median of the ratios
         within a round; None without the detector), peak_mb (of its process; on a GPU of PyTorch's memory on
-        it), params, flops, stages (ms a frame).
+        it), params, flops, stages (ms a frame). With the default contenders there is also "rendering", see
+        `rendering_speed`; None where this machine cannot render.
 
     Raises:
         InputError: a checkpoint cannot be read, the folder of `json_file` does not exist, a number is too
@@ -66,6 +68,9 @@ def bench(
         raise InputError("bench cannot measure the memory of a process on Windows; run it in WSL")
     if rounds < 1 or threads < 1:
         raise InputError(f"rounds={rounds}, threads={threads}: at least 1 of each")
+    rendering = {}
+    if chosen is None:
+        rendering = {"rendering": _rendering(threads)}
     with tempfile.TemporaryDirectory(prefix="dronekeypp-bench-") as folder:
         if chosen is None:
             chosen = contenders(sources, _exported(sources, Path(folder)), threads)
@@ -85,12 +90,25 @@ def bench(
             "python": platform.python_version(),
         },
         "rows": _rows(participants),
+        **rendering,
     }
     if progress:
         print(table(result["rows"]))
+        if result.get("rendering"):
+            line = "generate: {frames_per_s} crops of {size} px a second, {workers} workers"
+            print(line.format(**result["rendering"]))
     if json_file:
         write_json(Path(json_file), result, indent=1)
     return result
+
+
+def _rendering(workers: int) -> dict[str, Any] | None:
+    """Return the speed of `generate`, or None where this machine cannot render."""
+    try:
+        return rendering_speed(workers)
+    except (ImportError, InputError) as error:
+        tqdm.write(f"generate is left out: {error}")
+        return None
 
 
 @dataclass
