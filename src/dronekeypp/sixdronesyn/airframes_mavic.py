@@ -168,7 +168,7 @@ def mav2(drone: Drone, front: np.ndarray, rear: np.ndarray) -> Sides:
     left += eye(body, (-60, 11, 0), (-1, 0.1, 0), 5.4)
     left += eye(keel, (0, 10, -6), (0, 1, 0), 5.0)
     left += eye(keel, (56, 12, 0), (0, 0, -1), 5.0)
-    left.append(block((-30, 29.4, 6), (20, 1.4, 2.4), dark, around=8))
+    left.append(block((-20, 29.4, 6), (16, 1.4, 2.4), dark, around=8))
     left += [hinge((64, 36, 22), 11, 26, shade(grey, 0.92)), hinge((-58, 23, -8), 10, 25, shade(grey, 0.85))]
     left.append(arm((64, 37, 23), front, 25, [(6.5, 11.5), (6, 9.5), (5.5, 8)], grey, (0.5, 0.5, 0.5)))
     left.append(arm((-58, 25, -8), rear, 30, [(6.5, 10.5), (6, 9), (5.5, 8)], grey, (0.5, 0.5, 0.5)))

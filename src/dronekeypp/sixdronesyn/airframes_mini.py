@@ -65,7 +65,7 @@ def mini3(drone: Drone, front: np.ndarray, rear: np.ndarray) -> Sides:
     hull_left += eye(body, (46, 15, 15), (0.75, 0.62, 0.32), 6.0)
     hull_left += eye(body, (-48, 10, 10), (-0.75, 0.45, 0.62), 4.8)
     hull_left += eye(body, (14, 9, 0), (0, 0, -1), 4.0)
-    hull_left.append(block((8, 30.8, 2), (20, 1.2, 1.6), dark, around=8))
+    hull_left.append(block((17, 30.6, 3), (15, 1.2, 1.6), dark, around=8))
     hull_left += [
         hinge((34, 24, -11), 9, 17, shade(grey, 0.95)),
         hinge((-42, 21, 2), 9, 18, shade(grey, 0.95)),

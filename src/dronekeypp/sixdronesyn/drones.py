@@ -29,10 +29,10 @@ _SOURCES = {
     "propeller_diameter": "published",
     "mass": "published",
     "motor_radius": "estimated",
-    "colours": "estimated: from photographs",
+    "colours": "estimated",
     "blades": "published",
     "blade_width": "estimated",
-    "hull_pitch": "estimated: none seen in photographs",
+    "hull_pitch": "estimated",
 }
 
 _LIST = (
@@ -58,6 +58,7 @@ _LIST = (
         | {
             "hubs": "measured: URDF, times 1.0004 for the published diagonal; height estimated",
             "hull_pitch": "measured: the tilt of the URDF's thrust axes",
+            "motor_radius": "estimated: from the published width less the hubs",
         },
     ),
     # The maker's own positions: the front rotors are 21.5 mm above the rear ones. The diagonal is 215.0 mm,
@@ -135,7 +136,7 @@ _LIST = (
         hubs=spread_hubs(354, (147.2, 42.0), (124.0, 13.6)),
         sources=_SOURCES
         | {
-            "body_mm": "published: as 322 x 242 x 84, the first across",
+            "body_mm": "published: printed as 322 x 242 x 84, of which the first is across",
             "hubs": "measured: simulator's model, times 0.973 for the published diagonal; height estimated",
             "motor_radius": "estimated: from the published width less the hubs",
         },
@@ -158,7 +159,7 @@ _LIST = (
         hubs=spread_hubs(380.1, (162.0, 53.5), (128.0, 46.7)),
         sources=_SOURCES
         | {
-            "body_mm": "published: as 347.5 x 283 x 107.7, the first across",
+            "body_mm": "published: printed as 347.5 x 283 x 107.7, of which the first is across",
             "hubs": "measured: URDF, times 1.013 for the published diagonal; height estimated",
             "motor_radius": "estimated: from the published width less the hubs",
         },
