@@ -1,10 +1,12 @@
 """This module draws all seven drones on one page.
 
-The command is `python -m dronekeypp.sixdronesyn.contact_sheet [OUT.png]`, and OUT.png is figures/drones.png
-by default. Every view of a row has the same scale, which a bar gives. The camera is orthographic.
+The command is `python -m dronekeypp.sixdronesyn.contact_sheet [OUT.png] [--edition N]`. It also prints the
+drones' numbers and where each is from. Every view of a row has the same scale, which a bar gives. The camera
+is orthographic.
 """
 
-import sys
+import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +14,9 @@ import pyvista as pv
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from dronekeypp.sixdronesyn.drones import DRONES
+from dronekeypp.sixdronesyn.drones import EDITION, EDITIONS, SEVEN, Drone
 from dronekeypp.sixdronesyn.meshes import drone_mesh
+from dronekeypp.sixdronesyn.shape_table import shape_table
 
 # azimuth and elevation of the camera in degrees; azimuth 0 is in front of the drone, looking at its nose
 VIEWS = {
@@ -24,10 +27,11 @@ VIEWS = {
     "front": (0, 3),
 }
 BACKGROUND = (0.955, 0.96, 0.965)
+FIGURES = {1: "drones.png", 2: "drones_second_edition.png"}
 
 
 def render(
-    name: str,
+    drone: str | Drone,
     azimuth: float,
     elevation: float,
     pixels: tuple[int, int],
@@ -38,14 +42,14 @@ def render(
     """Return one orthographic view, (height, width, 3) uint8.
 
     Args:
-        name: the drone, or its name.
+        drone: the drone, or its name.
         azimuth, elevation: where the camera stands, degrees in the body frame.
         pixels: (width, height) of the picture.
         half_height: metres from the middle of the picture to its upper edge.
         blur: the angle that each propeller turns through during the exposure, radians.
         samples: the picture is drawn this many times finer in each direction, and averaged.
     """
-    mesh = drone_mesh(name)
+    mesh = drone_mesh(drone)
     width, height = pixels
     size = [width * samples, height * samples]
     plotter = pv.Plotter(off_screen=True, window_size=size, lighting="none")
@@ -80,19 +84,19 @@ def render(
     return np.rint(picture).astype(np.uint8)
 
 
-def contact_sheet(path: str | Path, cell: tuple[int, int] = (360, 262)) -> None:
-    """Draw seven rows of five views and save them as PNG.
+def contact_sheet(path: str | Path, drones: Sequence[Drone], cell: tuple[int, int] = (360, 262)) -> None:
+    """Draw a row of five views for each drone and save them as PNG.
 
     `cell` is (width, height) of a view in pixels.
     """
     cell_width, cell_height = cell
     head, foot = 34, 30
-    width, height = cell_width * len(VIEWS), head + cell_height * len(DRONES) + foot
+    width, height = cell_width * len(VIEWS), head + cell_height * len(drones) + foot
     figure = Figure(figsize=(width / 100, height / 100), dpi=100, facecolor=BACKGROUND)
     axes = figure.add_axes((0, 0, 1, 1))
     for column, title in enumerate(VIEWS):
         axes.text(cell_width * (column + 0.5), head / 2, title, ha="center", va="center", fontsize=11)
-    for row, drone in enumerate(DRONES.values()):
+    for row, drone in enumerate(drones):
         top = head + cell_height * row
         bottom = top + cell_height
         # the outer half of a blurred propeller may leave the cell: the bodies are then a quarter larger
@@ -100,7 +104,7 @@ def contact_sheet(path: str | Path, cell: tuple[int, int] = (360, 262)) -> None:
         half_height = max(outer[0], outer[1] * cell_height / cell_width)
         for column, (azimuth, elevation) in enumerate(VIEWS.values()):
             left = cell_width * column
-            picture = render(drone.name, azimuth, elevation, cell, half_height)
+            picture = render(drone, azimuth, elevation, cell, half_height)
             axes.imshow(picture, extent=(left, left + cell_width, bottom, top), interpolation="none")
         axes.text(10, top + 18, drone.label, fontsize=12, weight="bold", va="center")
         numbers = f"wheelbase {drone.wheelbase * 1000:.0f} mm, {drone.mass * 1000:.0f} g"
@@ -119,5 +123,19 @@ def contact_sheet(path: str | Path, cell: tuple[int, int] = (360, 262)) -> None:
     figure.savefig(path, dpi=100, pil_kwargs={"optimize": True}, metadata={"Software": None})
 
 
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command line. arguments: None for those of the process."""
+    parser = argparse.ArgumentParser(
+        prog="python -m dronekeypp.sixdronesyn.contact_sheet",
+        description="Draw the seven drones, and print their numbers and where each is from.",
+    )
+    parser.add_argument("out", nargs="?", type=Path, help="the PNG file; by default one in figures/")
+    parser.add_argument("--edition", type=int, choices=sorted(EDITIONS), default=EDITION)
+    values = parser.parse_args(arguments)
+    drones = [EDITIONS[values.edition][name] for name in SEVEN]
+    contact_sheet(values.out or Path("figures") / FIGURES[values.edition], drones)
+    print(shape_table(drones))
+
+
 if __name__ == "__main__":
-    contact_sheet(sys.argv[1] if len(sys.argv) > 1 else Path("figures") / "drones.png")
+    main()

@@ -23,13 +23,15 @@ class Drone:
         name: its key in `DRONES`, or that of a random quadrotor, such as "Quad17".
         label: the name that is shown to people.
         index: its place in `DRONES`, or the number of a random quadrotor.
-        body_mm: the published length, width and height in millimetres, unfolded, without propellers.
+        body_mm: the published size in millimetres, unfolded, without propellers: fore to aft, across, up.
         wheelbase: metres from the front-left to the rear-right hub.
         propeller_diameter, motor_radius: metres.
         mass: kilograms.
         hull_rgb, trim_rgb, propeller_rgb, tip_rgb: RGB, 0 to 255.
         hubs: (4, 3), metres, body frame: the centres of the propeller discs.
-        estimated: the fields that are not published figures.
+        sources: where the numbers are from, by field ("colours" for the four of them). A source begins with
+            "published", "measured" or "estimated"; a colon and a note may follow.
+        hull_pitch: radians by which the hull's nose points up when the propellers lie level.
         box_between_axes: the published length and width reach from motor axis to motor axis, not to the outer
             edge (see Air2).
         mesh: the mesh file of a drone of your own (see own.py); None for the seven.
@@ -57,7 +59,8 @@ class Drone:
     propeller_rgb: tuple[int, int, int]
     tip_rgb: tuple[int, int, int]
     hubs: np.ndarray = field(repr=False)
-    estimated: tuple[str, ...] = ()
+    sources: dict[str, str] = field(default_factory=dict, repr=False)
+    hull_pitch: float = 0.0
     box_between_axes: bool = False
     mesh: Path | None = None
     mesh_scale: float = 1.0
@@ -89,6 +92,12 @@ class Drone:
         if self.mesh is None and self.number is None:
             return self.index
         return int.from_bytes(hashlib.sha256(self.name.encode()).digest()[:4], "big")
+
+    @property
+    def estimated(self) -> tuple[str, ...]:
+        """Return which of its sizes, its mass and its hubs are estimated (motors and colours always are)."""
+        fields = ("body_mm", "wheelbase", "propeller_diameter", "mass", "hubs")
+        return tuple(name for name in fields if self.sources.get(name, "").startswith("estimated"))
 
     @property
     def propeller_radius(self) -> float:

@@ -23,7 +23,7 @@ _LIST = (
         propeller_rgb=(86, 88, 92),
         tip_rgb=(86, 88, 92),
         hubs=spread_hubs(247, (108.0, 3.0), (92.0, 25.0)),
-        estimated=("propeller_diameter", "hubs"),
+        sources={"propeller_diameter": "estimated", "hubs": "estimated"},
         edition=1,
     ),
     # 242 mm wide to the outside would make the 221 mm propellers meet. So the hubs are set 228 and 224 mm
@@ -42,7 +42,7 @@ _LIST = (
         propeller_rgb=(54, 55, 58),
         tip_rgb=(150, 146, 136),
         hubs=spread_hubs(354, (114.0, 38.0), (112.0, 26.0)),
-        estimated=("hubs",),
+        sources={"hubs": "estimated"},
         edition=1,
     ),
     # Front and rear hubs are both about half the width less a motor: 239 mm propellers leave no room for a
@@ -61,7 +61,7 @@ _LIST = (
         propeller_rgb=(56, 57, 60),
         tip_rgb=(232, 122, 44),
         hubs=spread_hubs(380.1, (124.5, 50.0), (121.0, 32.0)),
-        estimated=("hubs",),
+        sources={"hubs": "estimated"},
         edition=1,
     ),
 )
