@@ -72,7 +72,8 @@ def generate(
         stride: keep every stride-th frame of each flight.
         seed: the seed of all random draws.
         environments: folder of equirectangular images; None for the 22 procedural ones.
-        workers: the number of processes. The result does not depend on it.
+        workers: the number of processes. The result does not depend on it. Inside
+            `joblib.parallel_config("dask")` it is that of the cluster, whose workers share `root`.
         shard: (I, N) renders flights I, I + N, I + 2N, …; run every I from 0 to N − 1, at the same time if
             you like.
         progress: show a progress bar, where stderr is a terminal.
