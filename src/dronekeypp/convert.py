@@ -25,7 +25,7 @@ from dronekeypp.baselines.yolo_layout import HIDDEN, SEEN, UNLABELLED, label_lin
 from dronekeypp.classes import names_of
 from dronekeypp.data import open_dataset, require
 from dronekeypp.errors import InputError
-from dronekeypp.files import lock_folder, read_json, write_beside, write_json
+from dronekeypp.files import lock_folder, read_json, remove_unfinished, write_beside, write_json
 from dronekeypp.frame_dataset import FrameDataset, StoredFrame
 from dronekeypp.sixdronesyn import folders, scenes
 from dronekeypp.sixdronesyn.coco import coco
@@ -213,6 +213,8 @@ def _start(partial: Path, record: dict[str, Any]) -> None:
     """Keep what a killed run of this very conversion has left in a folder, and clear anything else."""
     path = partial / RECORD
     if path.is_file() and read_json(path) == record:
+        for folder in (partial, *partial.glob("*/*/")):
+            remove_unfinished(folder)
         return
     for item in partial.iterdir():
         if item.is_dir():
