@@ -164,7 +164,7 @@ def test_yolo_is_handed_the_crops_that_all_methods_see(small_dataset, tmp_path):
     sets = open_splits(small_dataset)
     text = yolo.export(sets, tmp_path / "yolo").read_text()
     assert "kpt_shape: [4, 3]" in text and "flip_idx: [1, 0, 3, 2]" in text
-    assert text.endswith(f"  {names_of(sets['train'].drones).index('Tello')}: Tello\n")
+    assert text.endswith(f'  {names_of(sets["train"].drones).index("Tello")}: "Tello"\n')
     pictures = sorted((tmp_path / "yolo" / "images" / "train").iterdir())
     labels = sorted((tmp_path / "yolo" / "labels" / "train").iterdir())
     assert [p.stem for p in pictures] == [p.stem for p in labels] and len(pictures) == len(sets["train"])

@@ -25,7 +25,7 @@ FLOORS = (
     ("exported",),
     ("baselines", "sequences", "footage", "realism", "plots", "presets"),
     ("evaluate",),
-    ("train", "export", "predict"),
+    ("train", "export", "predict", "convert"),
     ("pretrain", "bench"),
     ("checks",),
     ("needs",),

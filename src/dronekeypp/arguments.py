@@ -92,6 +92,16 @@ def validate(p: ArgumentParser) -> None:
     p.add_argument("dataset", type=Path)
 
 
+def convert(p: ArgumentParser) -> None:
+    to = "yolo for Ultralytics, coco for torchvision and others"
+    out = "default: DATASET-yolo or DATASET-coco, beside the data set"
+    p.add_argument("dataset", type=Path, help="with whole frames")
+    p.add_argument("--to", required=True, choices=("yolo", "coco"), help=to)
+    p.add_argument("--out", type=Path, metavar="DIR", help=out)
+    p.add_argument("--keypoints", action="store_true", help="yolo: labels for its task `pose`")
+    p.add_argument("--types", action="store_true", help="yolo: a class for each drone (default: one class)")
+
+
 def pretrain(p: ArgumentParser) -> None:
     val = "whose validation scenes to measure on (default: the first)"
     p.add_argument("datasets", type=Path, nargs="+", metavar="DATASET")

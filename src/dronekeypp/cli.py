@@ -50,6 +50,12 @@ def _validate(args: Namespace) -> None:
     print(f"{args.dataset}: sound")
 
 
+def _convert(args: Namespace) -> None:
+    from dronekeypp.convert import convert
+
+    convert(args.dataset, args.to, args.out, args.keypoints, args.types)
+
+
 def _pretrain(args: Namespace) -> None:
     from dronekeypp.presets import parse_overrides
     from dronekeypp.pretrain import pretrain
@@ -164,6 +170,12 @@ VERBS: tuple[tuple[str, str, Callable[[ArgumentParser], None], Verb], ...] = (
         "prove a data set sound, or name each fault",
         arguments.validate,
         _validate,
+    ),
+    (
+        "convert",
+        "write whole frames as a detector is trained on them; run it again to resume",
+        arguments.convert,
+        _convert,
     ),
     (
         "pretrain",

@@ -7,6 +7,7 @@ but Python itself is imported before it is asked for, so the command runs before
 from __future__ import annotations
 
 import importlib.metadata
+import importlib.util
 import os
 import re
 import shutil
@@ -203,6 +204,12 @@ def detector() -> str:
     return "YOLOv8n-pose"
 
 
+def cluster() -> str:
+    if importlib.util.find_spec("distributed") is None:
+        raise InputError('`generate` on a cluster: pip install -e ".[dask]"')
+    return "generate on a cluster"
+
+
 NEEDS = (
     Need("Python", python),
     Need("packages", packages),
@@ -215,6 +222,7 @@ NEEDS = (
     Need("GPU", gpu, optional=True),
     Need("ONNX", onnx, optional=True),
     Need("YOLO", detector, optional=True),
+    Need("Dask", cluster, optional=True),
 )
 
 

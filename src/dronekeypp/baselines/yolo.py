@@ -17,7 +17,7 @@ import multiprocessing
 import os
 import shutil
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from dronekeypp.baselines.yolo_layout import HIDDEN, SEEN, label_line, write_data_yaml
 from dronekeypp.classes import names_of
 from dronekeypp.data import FrameDataset
 from dronekeypp.errors import InputError
@@ -103,19 +104,16 @@ def export(datasets: dict[str, FrameDataset], out: str | Path) -> Path:
             picture = np.ascontiguousarray(pixels(item["image"][None])[0])
             jpeg = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
             write_beside(out / "images" / split / f"{name}.jpg", jpeg)
-            write_beside(label, (label_line(item, frame.box, dataset.square(i)) + "\n").encode())
-    lines = [
-        f"path: {out.resolve()}",
-        "train: images/train",
-        "val: images/val",
-        "kpt_shape: [4, 3]",
-        "flip_idx: [1, 0, 3, 2]",
-        "names:",
-    ]
-    for i, name in enumerate(names_of(next(iter(datasets.values())).drones)):
-        lines.append(f"  {i}: {name}")
-    write_beside(out / "data.yaml", ("\n".join(lines) + "\n").encode())
-    return out / "data.yaml"
+            square = dataset.square(i)
+            line = label_line(
+                int(item["label"]),
+                (*(frame.box[:2] - square[:2]), *frame.box[2:]),
+                (square[2], square[2]),
+                item["keypoints"].numpy() * square[2],
+                np.where(item["visible"], SEEN, HIDDEN),
+            )
+            write_beside(label, (line + "\n").encode())
+    return write_data_yaml(out, list(datasets), names_of(next(iter(datasets.values())).drones))
 
 
 def pixels(images: Tensor) -> np.ndarray:
@@ -124,20 +122,6 @@ def pixels(images: Tensor) -> np.ndarray:
     OpenCV and the library want them so.
     """
     return (images.flip(1).permute(0, 2, 3, 1).cpu().numpy() * 255).round().astype(np.uint8)
-
-
-def label_line(item: dict[str, Tensor], box: Sequence[float], square: Sequence[float]) -> str:
-    """Return one annotated crop as a line of YOLO's label file.
-
-    `box` and `square` are its box and square in full-frame pixels.
-    """
-    (x, y, w, h), (left, top, side) = box, square
-    words = [str(int(item["label"]))]
-    for value in ((x + w / 2 - left) / side, (y + h / 2 - top) / side, w / side, h / side):
-        words.append(f"{value:.6f}")
-    for (u, v), seen in zip(item["keypoints"].tolist(), item["visible"].tolist(), strict=True):
-        words += [f"{u:.6f}", f"{v:.6f}", "2" if seen else "1"]
-    return " ".join(words)
 
 
 # --- training ---------------------------------------------------------------------------------------------

@@ -14,7 +14,9 @@ import json
 import os
 import platform
 import sys
+import threading
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +45,7 @@ __all__ = ["Flight", "annotation_digest", "finish", "generate", "totals"]
 
 KINDS = ("crop", "full")  # of frames
 BEFORE_THERE_WERE_TWO = {"edition": 1, "quadrotors": None}  # settings that older manifests lack
+_DRAWING = ThreadPoolExecutor(1, "drawing")  # of a process that is called from threads
 
 
 def generate(
@@ -72,7 +75,8 @@ def generate(
         stride: keep every stride-th frame of each flight.
         seed: the seed of all random draws.
         environments: folder of equirectangular images; None for the 22 procedural ones.
-        workers: the number of processes. The result does not depend on it.
+        workers: the number of processes. The result does not depend on it. Inside
+            `joblib.parallel_config("dask")` it is that of the cluster, whose workers share `root`.
         shard: (I, N) renders flights I, I + N, I + 2N, …; run every I from 0 to N − 1, at the same time if
             you like.
         progress: show a progress bar, where stderr is a terminal.
@@ -111,7 +115,9 @@ def generate(
         plan = _start_manifest(root, settings, scene_numbers, drone_names)
     chosen = plan[shard[0] :: shard[1]]
     threads = 1 if workers > 1 else 2
-    jobs = [joblib.delayed(_work)(root, flight, settings, files, stride, threads) for flight in chosen]
+    # A Dask worker may stand in another folder.
+    where, files = root.absolute(), [Path(file).absolute() for file in files]
+    jobs = [joblib.delayed(_work)(where, flight, settings, files, stride, threads) for flight in chosen]
     total = sum(len(scenes.frame_numbers(flight, stride)) for flight in chosen)
     with tqdm(total=total, unit="frame", disable=None if progress else True, smoothing=0.05) as bar:
         for flight in joblib.Parallel(n_jobs=workers, return_as="generator_unordered")(jobs):
@@ -176,6 +182,22 @@ def _work(
     threads: int,
 ) -> scenes.Subsequence:
     """Render one flight in a worker, and return it."""
+    if threading.current_thread() is not threading.main_thread():
+        # A Dask worker has threads of its own; OpenGL wants the same one at all times.
+        job = _DRAWING.submit(_render, root, subsequence, settings, environments, stride, threads)
+        return job.result()
+    return _render(root, subsequence, settings, environments, stride, threads)
+
+
+def _render(
+    root: Path,
+    subsequence: scenes.Subsequence,
+    settings: dict[str, Any],
+    environments: Sequence[str | Path],
+    stride: int,
+    threads: int,
+) -> scenes.Subsequence:
+    """Render one flight in this thread, and return it."""
     # Mesa's software rasteriser would take every core in every worker.
     os.environ.setdefault("LP_NUM_THREADS", str(threads))
     cv2.setNumThreads(threads)
