@@ -1,5 +1,7 @@
 """The flight plan: Table 2, splits, backgrounds, and flights that a drone can fly and a camera can see."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -140,3 +142,44 @@ def test_headings_are_free_of_the_direction_of_travel() -> None:
     angles = np.concatenate(angles)
     share = np.histogram(angles, bins=8, range=(0, 360))[0] / len(angles)
     assert share.min() > 0.06 and share.max() < 0.2
+
+
+def test_a_lens_a_scene_then_a_lens_a_flight() -> None:
+    """The two test scenes have 42 flights: two lenses in the first edition, 42 in the second."""
+    for edition, lenses in ((1, 2), (2, 42)):
+        flights = scenes.subsequences([6, 7], drones=scenes.SEVEN, edition=edition)
+        assert len({scenes.camera(flight).K.tobytes() for flight in flights}) == lenses
+
+
+def test_the_second_edition_keeps_the_backgrounds() -> None:
+    for flight in flights_of("test"):
+        second = replace(flight, edition=2)
+        assert scenes.background(second, 22) == scenes.background(flight, 22)
+
+
+def test_no_quadrotor_crosses_a_split() -> None:
+    flights = scenes.quadrotor_flights(range(40, 60))
+    split_of = {}
+    for flight in flights:
+        assert split_of.setdefault(flight.drone, flight.split) == flight.split
+    assert sorted(split_of.values()) == ["test"] * 2 + ["train"] * 16 + ["val"] * 2
+    assert len({flight.id for flight in flights}) == len(flights)
+    assert {flight.drone_number for flight in flights} == set(range(20))
+
+
+def test_a_quadrotor_flies_the_same_in_any_range() -> None:
+    alone = scenes.quadrotor_flights(range(48, 49), [3])
+    among = [flight for flight in scenes.quadrotor_flights(range(40, 60), [3]) if flight.drone == "Quad48"]
+    assert len(alone) == 3
+    for first, second in zip(alone, among, strict=True):
+        assert scenes.background(first, 22) == scenes.background(second, 22)
+        np.testing.assert_array_equal(scenes.fly(first).t, scenes.fly(second).t)
+
+
+def test_a_large_quadrotor_stays_away_by_its_own_size() -> None:
+    """The distance is 4 to 25 times the drone's radius, and never outside 1.5 m to 8 m without need."""
+    for flight in scenes.quadrotor_flights(range(20), [1, 3, 6]):
+        radius = scenes.reach(flight.airframe)
+        distance = np.linalg.norm(scenes.fly(flight).t, axis=1)
+        assert distance.min() >= max(1.5, 4 * radius)
+        assert distance.max() <= max(8.0, 25 * radius)

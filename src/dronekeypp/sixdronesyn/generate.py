@@ -241,6 +241,11 @@ def _start_manifest(
         )
     if settings["quadrotors"]:
         plan = scenes.quadrotor_flights(range(*settings["quadrotors"]), scene_numbers)
+        if not plan:
+            raise InputError(
+                "no flight: of ten quadrotors 0 to 7 fly in training scenes, 8 in validation scenes and 9 in "
+                "test scenes; choose other numbers or scenes"
+            )
     else:
         edition = settings["edition"]
         own = _own_drones(path, old["settings"].get("own_drones", {}), drone_names, edition)
