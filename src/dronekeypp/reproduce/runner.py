@@ -191,9 +191,11 @@ class Bench:
         """Return the number of frames of a split that a run sees, from the data set's plan alone."""
         left_out = self.names.index(run.without) if run.without else None
         count = 0
-        for flight, frames in read_json(self.data / "manifest.json")["planned"].items():
-            drone = int(flight) // 10 % 10  # a flight's number: scene, drone, take
-            if folders.split_of(flight) == name and drone != left_out:
+        manifest = read_json(self.data / "manifest.json")
+        edition = folders.edition_of(manifest)
+        for flight, frames in manifest["planned"].items():
+            drone = folders.drone_of(flight, edition)
+            if folders.split_of(flight, edition) == name and drone != left_out:
                 count += frames
         return count
 

@@ -2,18 +2,25 @@
 
     ROOT/manifest.json                      6DroneSyn only: settings, versions, a digest a frame
     ROOT/coco_train.json, …                 COCO-keypoints, in pixels of the stored images (see `coco`)
+    ROOT/test_targets_bop19.json            what BOP's own scripts are to score
     ROOT/models/models_info.json, obj_000001.ply, …
-    ROOT/train/000400/rgb/000000.jpg, …     one folder a flight: scene × 100 + drone × 10 + background
-                      scene_camera.json     cam_K, cam_R_w2c, cam_t_w2c
+    ROOT/models_eval/                       the same, with fewer triangles
+    ROOT/train/000400/rgb/000000.jpg, …     one folder a flight; its name is the BOP scene's number
+                      depth/, mask/, mask_visib/      on demand (see `depth`)
+                      scene_camera.json     cam_K, cam_K_frame, cam_R_w2c, cam_t_w2c, depth_scale
                       scene_gt.json         obj_id, cam_R_m2c, cam_t_m2c, keypoints_2d, keypoints_3d,
-                                            keypoints_visible
+                                            keypoints_body, keypoints_visible
                       scene_gt_info.json    bbox_obj, bbox_visib, visib_fract, crop
                       flight.json           scene, drone, take, environment, turn, seed, fps
 
-Millimetres here and only here. All pixels in the three scene files are full-frame pixels, whether whole
-frames or crops are stored: a crop never changes an annotation. `crop` is the square (x, y, side) that a
-stored crop shows, null for whole frames. A mesh in models/ has no propellers, as it is what stands still;
-bbox_obj holds the discs they sweep, so it is larger than the mesh's own.
+Millimetres here and only here. All pixels in the three scene files are those of the stored image, and cam_K
+is its camera matrix. Of a stored crop, cam_K_frame is the camera matrix of the full frame, and `crop` the
+square (x, y, side) that it shows, in full-frame pixels; `crop` of a whole frame is null. keypoints_body are
+the hubs in body axes. A mesh in models/ has no propellers, as it is what stands still; bbox_obj holds the
+discs they sweep, so it is larger than the mesh's own. bbox_visib is the part of bbox_obj in the image.
+
+A stored crop without cam_K_frame is one of the first edition: there cam_K and all pixels are those of the
+full frame, and keypoints_body is missing.
 
 Any BOP folder can be read, see `dronekeypp.data`: only cam_K, obj_id and bbox_obj must be there. What else is
 not there is None in the frames.
@@ -22,7 +29,6 @@ not there is None in the frames.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -33,75 +39,11 @@ from dronekeypp.camera import check_intrinsics, project
 from dronekeypp.classes import DroneClass, check_hubs
 from dronekeypp.errors import InputError
 from dronekeypp.rotations import check_rotation
+from dronekeypp.sixdronesyn.annotation import MM, Frame
 from dronekeypp.sixdronesyn.instances import Instances, one_value
 
 SCENE_FILES = ("scene_camera.json", "scene_gt.json", "scene_gt_info.json")
-MM = 1000.0
 INVISIBLE = [-1, -1, -1, -1]  # BOP's bbox_obj of an object that is not in the picture
-
-
-@dataclass(frozen=True)
-class Frame:
-    """This is the annotation of one drone in one frame, in metres and full-frame pixels.
-
-    Attributes:
-        number: of the frame in its flight.
-        K: (3, 3) camera matrix.
-        camera_R, camera_t: (3, 3) and (3,), camera←world.
-        obj_id: the drone's number in models/, from 1.
-        R, t: (3, 3) and (3,), camera←body.
-        keypoints_2d: (4, 2) pixels.
-        keypoints_3d: (4, 3) in camera axes.
-        visible: (4,) bool, in the frame and not hidden by the drone itself.
-        box: x, y, width, height.
-        square: x, y, side of a stored crop; None of a whole frame.
-    """
-
-    number: int
-    K: np.ndarray
-    camera_R: np.ndarray | None
-    camera_t: np.ndarray | None
-    obj_id: int
-    R: np.ndarray | None
-    t: np.ndarray | None
-    keypoints_2d: np.ndarray | None
-    keypoints_3d: np.ndarray | None
-    visible: np.ndarray | None
-    box: np.ndarray
-    square: np.ndarray | None
-
-    def to_bop(self) -> tuple[dict, dict, dict]:
-        """Return the frame's entries in the three scene files: (camera, truth, info).
-
-        No field but `square` may be None.
-        """
-        box = numbers(self.box, 3)
-        camera = {
-            "cam_K": numbers(self.K),
-            "cam_R_w2c": numbers(self.camera_R, 9),
-            "cam_t_w2c": numbers(self.camera_t * MM),
-            "depth_scale": 1.0,
-        }
-        truth = {
-            "obj_id": self.obj_id,
-            "cam_R_m2c": numbers(self.R, 9),
-            "cam_t_m2c": numbers(self.t * MM),
-            "keypoints_2d": numbers(self.keypoints_2d),
-            "keypoints_3d": numbers(self.keypoints_3d * MM),
-            "keypoints_visible": np.asarray(self.visible, dtype=bool).tolist(),
-        }
-        info = {
-            "bbox_obj": box,
-            "bbox_visib": box,
-            "visib_fract": 1.0,
-            "crop": None if self.square is None else numbers(self.square),
-        }
-        return camera, truth, info
-
-
-def numbers(array: np.ndarray, digits: int = 4) -> list[float]:
-    """Return an array as a flat list of rounded numbers."""
-    return [round(float(v), digits) for v in np.asarray(array).ravel()]
 
 
 def frames_from(
@@ -112,7 +54,8 @@ def frames_from(
 ) -> list[Frame]:
     """Make frames from what the scene files of a flight say of each: (number, camera, truth, info).
 
-    Keypoints that are not there follow from the pose and the hubs of `models`, where both are known.
+    Pixels of stored crops become those of the full frame. Keypoints that are not there follow from the pose
+    and the hubs of `models`, or those of the frame itself, where they are known.
 
     Args:
         folder: of the flight, for the messages.
@@ -123,11 +66,11 @@ def frames_from(
     Raises:
         InputError: a missing field, a wrong shape, NaN, a matrix that is no rotation, an unknown drone, a
             drone behind the camera, a box or crop without area, a box whose middle lies outside the crop or
-            the frame.
+            the frame, a camera matrix that is not that of the crop.
     """
     instances = Instances([folder / name for name in SCENE_FILES], rows)
-    K = instances.stack(0, "cam_K", (3, 3))
-    instances.check(check_intrinsics, K, 0, "cam_K")
+    square = _squares(instances)
+    K, scale = _cameras(instances, square)
     camera_R = instances.optional(0, "cam_R_w2c", (3, 3))
     instances.check(check_rotation, camera_R, 0, "cam_R_w2c")
     camera_t = instances.optional(0, "cam_t_w2c", (3,))
@@ -142,14 +85,21 @@ def frames_from(
     obj_ids = []
     for i, truth in enumerate(instances.entries[1]):
         obj_ids.append(_object_id(truth, models, instances.where(1, i)))
-    box, square = _boxes(instances, size)
+    box = _boxes(instances, square, scale, size)
 
+    hubs = instances.optional(1, "keypoints_body", (4, 3))
+    if hubs is not None:
+        hubs = hubs / MM
+        for i, values in enumerate(hubs):
+            check_hubs(values, f"{instances.where(1, i)}: keypoints_body")
     keypoints_3d = instances.optional(1, "keypoints_3d", (4, 3))
     if keypoints_3d is not None:
         keypoints_3d = keypoints_3d / MM
     elif R is not None and t is not None:
-        keypoints_3d = _placed_hubs(obj_ids, models, R, t)
+        keypoints_3d = _placed_hubs(obj_ids, models, hubs, R, t)
     keypoints_2d = instances.optional(1, "keypoints_2d", (4, 2))
+    if keypoints_2d is not None and scale is not None:
+        keypoints_2d = keypoints_2d / scale[:, None, None] + square[:, None, :2]
     if keypoints_2d is None and keypoints_3d is not None:
         keypoints_2d = project(keypoints_3d, K)
     visible = instances.optional(1, "keypoints_visible", (4,))
@@ -167,6 +117,7 @@ def frames_from(
         "visible": visible,
         "box": box,
         "square": square,
+        "hubs": hubs,
     }
     frames = []
     for i, number in enumerate(instances.numbers):
@@ -197,8 +148,45 @@ def _ranges(models: Mapping[int, DroneClass]) -> str:
     return ", ".join(str(number) for number in known)
 
 
-def _boxes(instances: Instances, size: tuple[int, int] | None) -> tuple[np.ndarray, np.ndarray | None]:
-    """Return the boxes (F, 4), and the squares (F, 3) of stored crops or None for whole frames.
+def _squares(instances: Instances) -> np.ndarray | None:
+    """Return the squares (F, 3) of stored crops, or None for whole frames."""
+    square = instances.optional(2, "crop", (3,))
+    if square is not None:
+        instances.refuse(square[:, 2] <= 0, 2, "crop has no area (side {:g} px)", values=square[:, 2:])
+    return square
+
+
+def _cameras(instances: Instances, square: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return the camera matrices (F, 3, 3) of the full frames, and the scales (F,) of stored crops.
+
+    A scale is how many pixels of the stored image one pixel of the full frame is. It is None where the
+    annotations are in full-frame pixels already.
+    """
+    K = instances.stack(0, "cam_K", (3, 3))
+    instances.check(check_intrinsics, K, 0, "cam_K")
+    whole = instances.optional(0, "cam_K_frame", (3, 3))
+    if whole is None:
+        return K, None
+    instances.check(check_intrinsics, whole, 0, "cam_K_frame")
+    if square is None:
+        square = instances.stack(2, "crop", (3,))  # raises and names the frame
+    scale = K[:, 0, 0] / whole[:, 0, 0]
+    expected = whole.copy()
+    expected[:, :2, 2] -= square[:, :2]
+    expected[:, :2] *= scale[:, None, None]
+    off = np.abs(K - expected).max(axis=(1, 2))
+    message = "cam_K is not that of the crop in scene_gt_info.json ({:.2g} px off)"
+    instances.refuse(off > 0.01, 0, message, values=off[:, None])
+    return whole, scale
+
+
+def _boxes(
+    instances: Instances,
+    square: np.ndarray | None,
+    scale: np.ndarray | None,
+    size: tuple[int, int] | None,
+) -> np.ndarray:
+    """Return the boxes (F, 4) in full-frame pixels.
 
     The middle of a box must lie in what is stored: in the crop, or in the frame of `size` (width, height).
     """
@@ -206,29 +194,37 @@ def _boxes(instances: Instances, size: tuple[int, int] | None) -> tuple[np.ndarr
     instances.refuse(
         (box[:, 2:] <= 0).any(axis=1), 2, "bbox_obj has no area ({:g} × {:g} px)", values=box[:, 2:]
     )
-    square = instances.optional(2, "crop", (3,))
+    if scale is not None:
+        box = box / scale[:, None]
+        box[:, :2] += square[:, :2]
     if square is not None:
-        instances.refuse(square[:, 2] <= 0, 2, "crop has no area (side {:g} px)", values=square[:, 2:])
         corner, extent, place = square[:, :2], square[:, 2:], "stored crop"
     elif size is not None:
         corner, extent, place = np.zeros(2), np.array(size), "frame"
     else:
-        return box, None
+        return box
     middle = box[:, :2] + box[:, 2:] / 2  # (F, 2)
     outside = (middle < corner) | (middle > corner + extent)
     instances.refuse(outside.any(axis=1), 2, f"the middle of bbox_obj lies outside the {place}")
-    return box, square
+    return box
 
 
 def _placed_hubs(
-    obj_ids: Sequence[int], models: Mapping[int, DroneClass] | None, R: np.ndarray, t: np.ndarray
+    obj_ids: Sequence[int],
+    models: Mapping[int, DroneClass] | None,
+    frame_hubs: np.ndarray | None,
+    R: np.ndarray,
+    t: np.ndarray,
 ) -> np.ndarray | None:
-    """Return the hubs (F, 4, 3) in camera axes, or None where those of a drone are not known."""
-    if models is None:
-        return None
-    hubs = [models[number].hubs for number in obj_ids]
+    """Return the hubs (F, 4, 3) in camera axes, or None where those of a drone are not known.
+
+    They are those of `models` or, where one of them has none, `frame_hubs` (F, 4, 3) in body axes.
+    """
+    hubs = [None if models is None else models[number].hubs for number in obj_ids]
     if any(values is None for values in hubs):
-        return None
+        if frame_hubs is None:
+            return None
+        hubs = frame_hubs
     return np.stack(hubs) @ R.swapaxes(1, 2) + t[:, None]
 
 

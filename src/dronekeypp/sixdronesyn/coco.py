@@ -13,6 +13,7 @@ import numpy as np
 from dronekeypp.camera import to_crop
 from dronekeypp.classes import DroneClass
 from dronekeypp.sixdronesyn import bop
+from dronekeypp.sixdronesyn.annotation import numbers
 from dronekeypp.sixdronesyn.drones import KEYPOINT_NAMES
 from dronekeypp.sixdronesyn.scenes import HEIGHT, WIDTH
 
@@ -52,7 +53,7 @@ def _annotation(frame: bop.Frame, identity: int, size: int | None) -> dict[str, 
         "image_id": identity,
         "category_id": frame.obj_id,
         "iscrowd": 0,
-        "bbox": bop.numbers(np.array([x, y, w, h]), 2),
+        "bbox": numbers(np.array([x, y, w, h]), 2),
         "area": round(w * h, 2),
         "num_keypoints": 4,
         "keypoints": keypoints,

@@ -95,7 +95,20 @@ class Flight:
             visible=inside & self.occlusion.visible(self.drone.hubs, R, t),
             box=box,
             square=square,
+            hubs=self.drone.hubs,
         )
+
+    def entry(self, frame: bop.Frame) -> tuple[dict, dict, dict]:
+        """Return what the three scene files say of a frame: (camera, truth, info)."""
+        if self.subsequence.edition == 1:
+            return frame.to_first_edition()
+        return frame.to_bop(*self.image_size)
+
+    @property
+    def image_size(self) -> tuple[int, int]:
+        """Return width and height of the stored images in pixels."""
+        size = self.settings["size"]
+        return (size, size) if self.settings["frames"] == "crop" else (scenes.WIDTH, scenes.HEIGHT)
 
     def open(self, frames: Sequence[bop.Frame]) -> None:
         """Sample the part of the panorama that `frames` will show, and read the light.
@@ -237,7 +250,7 @@ def render_flight(
                 lines.flush()
     entries, digests = {}, {}
     for number, frame in annotated.items():
-        entries[number] = frame.to_bop()
+        entries[number] = flight.entry(frame)
         digests[str(number)] = [done[number], annotation_digest(entries[number])]
     about = {
         "scene": subsequence.scene,

@@ -64,7 +64,8 @@ def check_complete(root: Path, split: str, manifest: dict[str, Any]) -> None:
     Raises:
         InputError: one is missing.
     """
-    planned = [name for name in manifest["planned"] if split_of(name) == split]
+    edition = edition_of(manifest)
+    planned = [name for name in manifest["planned"] if split_of(name, edition) == split]
     finished = bop.flight_folders(root, split)
     if len(finished) < len(planned):
         raise InputError(
@@ -73,10 +74,25 @@ def check_complete(root: Path, split: str, manifest: dict[str, Any]) -> None:
         )
 
 
-def split_of(name: str) -> str | None:
+def edition_of(manifest: dict[str, Any]) -> int:
+    """Return the edition of 6DroneSyn that a manifest describes."""
+    return manifest.get("settings", {}).get("edition", 1)  # older manifests do not say it
+
+
+def split_of(name: str, edition: int) -> str | None:
     """Return the split of a flight of 6DroneSyn by its folder's name, or None for any other name."""
-    scene = scenes.SCENES.get(int(name) // 100) if name.isdecimal() else None
+    scene = scenes.SCENES.get(_parts(name, edition)[0]) if name.isdecimal() else None
     return scene.split if scene else None
+
+
+def drone_of(name: str, edition: int) -> int:
+    """Return the number of the drone, from 0, of a flight of 6DroneSyn by its folder's name."""
+    return _parts(name, edition)[1]
+
+
+def _parts(name: str, edition: int) -> tuple[int, int]:
+    """Return the scene and the drone's number in a flight's name, see `scenes.Subsequence.id`."""
+    return divmod(int(name) // 10, scenes.MOST_DRONES.get(edition, 1))
 
 
 def read_list(path: Path) -> dict[Path, set[int] | None]:

@@ -1,6 +1,7 @@
-"""This module writes models/ of a data set.
+"""This module writes models/ and models_eval/ of a data set, both in millimetres.
 
-It holds a mesh for each drone, and models_info.json with their names, sizes and hubs.
+models/ holds the mesh of each drone with colours and normals, and models_info.json with their names, sizes
+and hubs. models_eval/ holds the same drones with fewer triangles, as BOP's scripts measure them.
 """
 
 from __future__ import annotations
@@ -17,27 +18,34 @@ from scipy.spatial.distance import pdist
 from dronekeypp.errors import InputError
 from dronekeypp.files import write_json
 from dronekeypp.sixdronesyn import bop
+from dronekeypp.sixdronesyn.annotation import MM, numbers
 from dronekeypp.sixdronesyn.drones import Drone, find_drone
 from dronekeypp.sixdronesyn.meshes import drone_mesh
 from dronekeypp.sixdronesyn.own import VARIABLE
 
+FOLDERS = ("models", "models_eval")
+EVAL_TRIANGLES = 4500  # about 2,300 points; the seven then change by 1 mm at most
+
 
 def write_models(root: Path, names: Sequence[str], edition: int) -> None:
-    """Write what is missing of models/, where the drone names[i] is object i + 1.
+    """Write what is missing of models/ and models_eval/, where the drone names[i] is object i + 1.
 
-    models_info.json comes last: it says that the meshes are all there. What it holds already stays, so a
-    drone of somebody's own need not be known here.
+    The models_info.json of models/ comes last: it says that the meshes are all there. What it holds already
+    stays, so a drone of somebody's own need not be known here. The first edition has no models_eval/.
 
     Raises:
         InputError: a drone that is missing in models/ is not known here.
     """
-    folder = root / "models"
-    path = folder / "models_info.json"
+    folders = [root / name for name in FOLDERS]
+    path = folders[0] / "models_info.json"
     info = bop.read_json(path) if path.is_file() else {}
     missing = [number for number in range(1, len(names) + 1) if str(number) not in info]
     if not missing:
         return
-    folder.mkdir(exist_ok=True)
+    if edition == 1:
+        folders = folders[:1]
+    for folder in folders:
+        folder.mkdir(exist_ok=True)
     for number in missing:
         name = names[number - 1]
         try:
@@ -46,12 +54,66 @@ def write_models(root: Path, names: Sequence[str], edition: int) -> None:
             raise InputError(
                 f"{root}: it holds a drone {name}: set {VARIABLE} to the folder with its file"
             ) from None
-        mesh = drone_mesh(drone).body
-        body = pv.PolyData(mesh.points * np.float32(bop.MM), mesh.faces)
-        body.point_data["rgb"] = mesh.point_data["rgb"]
-        body.save(folder / f"obj_{number:06d}.ply", texture="rgb", recompute_normals=False)
+        body = drone_mesh(drone).body
+        mesh_name = f"obj_{number:06d}.ply"
+        if edition == 1:
+            _write_first_edition(folders[0] / mesh_name, body)
+        else:
+            write_ply(folders[0] / mesh_name, body)
+            write_ply(folders[1] / mesh_name, simplified(body))
         info[str(number)] = model_info(drone)
-    write_json(path, info, indent=1)
+    for folder in reversed(folders):
+        write_json(folder / "models_info.json", info, indent=1)
+
+
+def write_ply(path: Path, mesh: pv.PolyData) -> None:
+    """Write a mesh in metres as a binary PLY file in millimetres.
+
+    Every point has its normal and, where the mesh has `rgb`, its colour. VTK's own writer knows no normals.
+
+    Args:
+        path: the file.
+        mesh: triangles with the point arrays `Normals` and, if it is coloured, `rgb`.
+    """
+    columns = {}
+    for axis, values in zip("xyz", np.asarray(mesh.points).T * MM, strict=True):
+        columns[axis] = values
+    for axis, values in zip("xyz", np.asarray(mesh.point_data["Normals"]).T, strict=True):
+        columns[f"n{axis}"] = values
+    types = dict.fromkeys(columns, "<f4")
+    if "rgb" in mesh.point_data:
+        for colour, values in zip(
+            ("red", "green", "blue"), np.asarray(mesh.point_data["rgb"]).T, strict=True
+        ):
+            columns[colour], types[colour] = values, "u1"
+    points = np.empty(mesh.n_points, dtype=list(types.items()))
+    for name, values in columns.items():
+        points[name] = values
+    faces = np.empty(mesh.n_cells, dtype=[("count", "u1"), ("corners", "<i4", 3)])
+    faces["count"], faces["corners"] = 3, mesh.regular_faces
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {mesh.n_points}"]
+    for name, kind in types.items():
+        header.append(f"property {'uchar' if kind == 'u1' else 'float'} {name}")
+    header += [f"element face {mesh.n_cells}", "property list uchar int vertex_indices", "end_header", ""]
+    path.write_bytes("\n".join(header).encode() + points.tobytes() + faces.tobytes())
+
+
+def simplified(mesh: pv.PolyData) -> pv.PolyData:
+    """Return a mesh with at most about EVAL_TRIANGLES triangles, without colours, with normals."""
+    plain = pv.PolyData(mesh.points, mesh.faces)
+    # Points that lie on each other become one; else every hard edge would open.
+    plain = plain.clean(tolerance=1e-6, absolute=True, lines_to_points=False, polys_to_lines=False)
+    plain = plain.triangulate()
+    if plain.n_cells > EVAL_TRIANGLES:
+        plain = plain.decimate(1 - EVAL_TRIANGLES / plain.n_cells)
+    return plain.compute_normals(cell_normals=False, auto_orient_normals=False)
+
+
+def _write_first_edition(path: Path, mesh: pv.PolyData) -> None:
+    """Write a mesh in metres as the first edition has it: in millimetres, without normals."""
+    body = pv.PolyData(mesh.points * np.float32(MM), mesh.faces)
+    body.point_data["rgb"] = mesh.point_data["rgb"]
+    body.save(path, texture="rgb", recompute_normals=False)
 
 
 def model_info(drone: Drone) -> dict[str, Any]:
@@ -59,7 +121,7 @@ def model_info(drone: Drone) -> dict[str, Any]:
 
     It holds its names, BOP's sizes, and its hubs in body axes, all in millimetres.
     """
-    points = np.asarray(drone_mesh(drone).body.points, dtype=np.float64) * bop.MM
+    points = np.asarray(drone_mesh(drone).body.points, dtype=np.float64) * MM
     low, size = points.min(0), np.ptp(points, axis=0)
     corners = points[ConvexHull(points).vertices]
     entry: dict[str, Any] = {
@@ -71,5 +133,5 @@ def model_info(drone: Drone) -> dict[str, Any]:
         entry[f"min_{axis}"] = round(float(value), 2)
     for axis, value in zip("xyz", size, strict=True):
         entry[f"size_{axis}"] = round(float(value), 2)
-    entry["keypoints"] = [bop.numbers(hub * bop.MM) for hub in drone.hubs]
+    entry["keypoints"] = [numbers(hub * MM) for hub in drone.hubs]
     return entry

@@ -15,7 +15,7 @@ from dronekeypp.errors import InputError
 from dronekeypp.sixdronesyn import bop, scenes
 from dronekeypp.sixdronesyn.drones import DRONES, SEVEN
 from dronekeypp.sixdronesyn.flight import annotation_digest
-from dronekeypp.sixdronesyn.folders import read_image, split_of
+from dronekeypp.sixdronesyn.folders import edition_of, read_image, split_of
 from dronekeypp.sixdronesyn.generate import totals
 
 # What a frame of 6DroneSyn has in each of the three scene files. Any other BOP folder may lack some of it.
@@ -24,6 +24,9 @@ FIELDS = (
     ("obj_id", "cam_R_m2c", "cam_t_m2c", "keypoints_2d", "keypoints_3d", "keypoints_visible"),
     ("bbox_obj",),
 )
+# And what the second edition has beside it.
+SECOND_FIELDS = ((), ("keypoints_body",), ("bbox_visib",))
+CROP_FIELDS = (("cam_K_frame",), (), ("crop",))
 
 
 def validate(root: str | Path, progress: bool = False) -> list[str]:
@@ -72,6 +75,8 @@ def frame_faults(frame: bop.Frame, hubs: np.ndarray | None = None) -> list[str]:
         off = np.abs(frame.keypoints_3d - (hubs @ frame.R.T + frame.t)).max()
         if off > 1e-5:
             faults.append(f"keypoints_3d are {off:.2g} m from R · hubs + t")
+        if frame.hubs is not None and np.abs(frame.hubs - hubs).max() > 1e-5:
+            faults.append("keypoints_body are not the hubs of models_info.json")
     if (frame.keypoints_3d[:, 2] <= 0).any():
         faults.append("a keypoint lies behind the camera")
     else:
@@ -80,7 +85,7 @@ def frame_faults(frame: bop.Frame, hubs: np.ndarray | None = None) -> list[str]:
             faults.append(f"keypoints_2d are {off:.2g} px from the projection of keypoints_3d")
     frame_size = np.array([scenes.WIDTH, scenes.HEIGHT])
     low, high = frame.box[:2], frame.box[:2] + frame.box[2:]
-    if (low < 0).any() or (high > frame_size).any():
+    if (low < -0.01).any() or (high > frame_size + 0.01).any():
         faults.append("bbox_obj reaches outside the frame")
     if ((frame.keypoints_2d < low - 0.01) | (frame.keypoints_2d > high + 0.01)).any():
         faults.append("a keypoint lies outside bbox_obj")
@@ -134,7 +139,7 @@ class _Validation:
         for split, folder in self.flights:
             places[folder.name].append(split)
         for name in self.manifest["planned"]:
-            home, splits = split_of(name), places[name]
+            home, splits = split_of(name, edition_of(self.manifest)), places[name]
             if not splits:
                 where = self.root / (home or "?") / name
                 self.faults.append(f"{where}: this flight is missing; run generate again, it resumes")
@@ -209,7 +214,7 @@ class _Validation:
                 f"{folder} frame {number}: the annotation is not the one that was generated "
                 "(its digest differs)"
             )
-        for name, part, keys in zip(bop.SCENE_FILES, entry, FIELDS, strict=True):
+        for name, part, keys in zip(bop.SCENE_FILES, entry, self._fields(), strict=True):
             for key in keys:
                 if part.get(key) is None:
                     self.faults.append(f"{folder / name} frame {number}: the field {key} is missing")
@@ -223,6 +228,16 @@ class _Validation:
         hubs = self.models[frame.obj_id].hubs if self.models else None
         for fault in frame_faults(frame, hubs):
             self.faults.append(f"{folder / bop.SCENE_FILES[1]} frame {number}: {fault}")
+
+    def _fields(self) -> list[tuple[str, ...]]:
+        """Return the fields that a frame must have in each of the three scene files."""
+        settings = self.manifest["settings"]
+        fields = list(FIELDS)
+        if edition_of(self.manifest) != 1:
+            fields = [ours + more for ours, more in zip(fields, SECOND_FIELDS, strict=True)]
+            if settings["frames"] == "crop":
+                fields = [ours + more for ours, more in zip(fields, CROP_FIELDS, strict=True)]
+        return fields
 
     def _image(self, path: Path, digest: str) -> None:
         """Check that an image can be read, is the generated one, and has the size of the settings."""
