@@ -103,10 +103,12 @@ def train(p: ArgumentParser) -> None:
 
 def evaluate(p: ArgumentParser) -> None:
     split = "of the data set (default: test); 6DroneSyn has train, val and test"
+    bop = "also write the poses there for BOP's toolkit, which wants the name METHOD_DATASET-SPLIT.csv"
     p.add_argument("checkpoint", type=Path)
     p.add_argument("dataset", type=Path)
     p.add_argument("--split", default="test", metavar="NAME", help=split)
     p.add_argument("--json", type=Path, metavar="FILE", help="also write the rows there")
+    p.add_argument("--bop", type=Path, metavar="FILE", help=bop)
 
 
 def predict(p: ArgumentParser) -> None:
