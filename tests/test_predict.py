@@ -583,6 +583,62 @@ def test_a_flight_of_the_data_set_is_footage(small, frames, tmp_path):
     np.testing.assert_allclose(linked[0], frames.frames[4].box, atol=0.01)
 
 
+@pytest.fixture
+def scene(frames, tmp_path):
+    """Scene 651 of a BOP data set with pictures 0, 40 and 80, its camera file, and the box in each."""
+    folder = tmp_path / "set" / "test" / "000651"
+    (folder / "rgb").mkdir(parents=True)
+    flight = frames.folders[4]
+    camera = json.loads((flight / "scene_camera.json").read_text())["0"]
+    for number in (0, 40, 80):
+        shutil.copy(flight / "rgb" / "000000.jpg", folder / "rgb" / f"{number:06d}.jpg")
+    cameras = {str(number): camera for number in (0, 40, 80)}
+    (folder / "scene_camera.json").write_text(json.dumps(cameras))
+    return folder, folder / "scene_camera.json", tuple(frames.frames[4].box)
+
+
+def numbers_of_poses(out):
+    """(scene_id, im_id) of each row of poses.csv."""
+    rows = csv.DictReader((out / POSES).read_text().splitlines())
+    return [(int(row["scene_id"]), int(row["im_id"])) for row in rows]
+
+
+@pytest.mark.parametrize("given", ["", "rgb", "rgb/000040.jpg"])
+def test_the_poses_of_a_bop_scene_have_its_numbers(scene, small, tmp_path, given):
+    folder, camera, box = scene
+    predict(small, folder / given, camera, tmp_path / "out", box=box, overlay=False, progress=False)
+    wanted = [(651, 40)] if given.endswith(".jpg") else [(651, 0), (651, 40), (651, 80)]
+    assert numbers_of_poses(tmp_path / "out") == wanted
+
+
+def test_other_footage_is_counted_from_0(scene, small, tmp_path):
+    """Names that are no numbers, a folder that is no number, no scene_camera.json beside the folder."""
+    folder, camera, box = scene
+    shutil.copy(camera, tmp_path)
+    for name in ("named", "unnumbered", "alone"):
+        shutil.copytree(folder, tmp_path / name / "000651")
+    images = [tmp_path / name / "000651" / "rgb" for name in ("named", "unnumbered", "alone")]
+    (images[0] / "000080.jpg").rename(images[0] / "last.jpg")
+    (images[1].parent).rename(images[1].parent.with_name("flight"))
+    images[1] = images[1].parent.with_name("flight") / "rgb"
+    (images[2].parent / "scene_camera.json").unlink()
+    for i, place in enumerate(images):
+        out = tmp_path / f"out{i}"
+        predict(small, place, tmp_path / camera.name, out, box=box, overlay=False, progress=False)
+        assert numbers_of_poses(out) == [(0, 0), (0, 1), (0, 2)]
+
+
+def test_a_bop_scene_names_the_drones_by_its_own_numbers(scene, tmp_path):
+    folder, camera, box = scene
+    save_with_drones(tmp_path / "net", DroneClass("OnlyOne", SQUARE))
+    models = folder.parents[1] / "models"
+    models.mkdir()
+    (models / "models_info.json").write_text(json.dumps({"3": {"name": "Other"}, "5": {"name": "OnlyOne"}}))
+    predict(tmp_path / "net", folder, camera, tmp_path / "out", box=box, overlay=False, progress=False)
+    rows = csv.DictReader((tmp_path / "out" / POSES).read_text().splitlines())
+    assert [row["obj_id"] for row in rows] == ["5", "5", "5"]
+
+
 def test_coco_sets_of_several_videos(tmp_path):
     """Frames of a video lie as in a folder of its name. Ids may be long. An absolute name counts, a sliver of
     a box does not.

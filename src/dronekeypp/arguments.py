@@ -125,20 +125,23 @@ def train(p: ArgumentParser) -> None:
 
 def evaluate(p: ArgumentParser) -> None:
     split = "of the data set (default: test); 6DroneSyn has train, val and test"
+    bop = "also write the poses there for BOP's toolkit, which wants the name METHOD_DATASET-SPLIT.csv"
     p.add_argument("checkpoint", type=Path)
     p.add_argument("dataset", type=Path)
     p.add_argument("--split", default="test", metavar="NAME", help=split)
     p.add_argument("--json", type=Path, metavar="FILE", help="also write the rows there")
+    p.add_argument("--bop", type=Path, metavar="FILE", help=bop)
 
 
 def predict(p: ArgumentParser) -> None:
+    footage = "a video, a folder of images, one image, or a scene of a BOP data set"
     camera = "calibration as OpenCV writes it (YAML, XML, JSON), or plain JSON"
     boxes = "of the drone, from any detector: COCO JSON, YOLO txt (folder), CSV, MOT"
     first = "of the drone in the first frame, without such a file; a tracker carries it on"
     smooth = "sigma of a Gaussian over the poses (default 0: none)"
     rate = "of a folder of images (default 30); a video knows its own"
     p.add_argument("checkpoint", type=Path)
-    p.add_argument("footage", type=Path, metavar="INPUT", help="a video, a folder of images, one image")
+    p.add_argument("footage", type=Path, metavar="INPUT", help=footage)
     p.add_argument("--camera", type=Path, required=True, metavar="FILE", help=camera)
     p.add_argument("--boxes", type=Path, metavar="FILE", help=boxes)
     p.add_argument("--box", type=box, metavar="X,Y,W,H", help=first)

@@ -87,7 +87,9 @@ def _train(args: Namespace) -> None:
 def _evaluate(args: Namespace) -> None:
     from dronekeypp.evaluate import evaluate_checkpoint
 
-    evaluate_checkpoint(args.checkpoint, args.dataset, split=args.split, json_file=args.json)
+    evaluate_checkpoint(
+        args.checkpoint, args.dataset, split=args.split, json_file=args.json, bop_file=args.bop
+    )
 
 
 def _predict(args: Namespace) -> None:
@@ -191,7 +193,7 @@ VERBS: tuple[tuple[str, str, Callable[[ArgumentParser], None], Verb], ...] = (
     ),
     (
         "evaluate",
-        "measure a checkpoint: rotation, translation, class, keypoints",
+        "measure a checkpoint: rotation, translation, class, keypoints, and BOP's errors",
         arguments.evaluate,
         _evaluate,
     ),

@@ -73,6 +73,7 @@ class FrameDataset(Dataset):
 
     Attributes:
         drones: the classes in the order of their indices, as models_info.json numbers them.
+        objects: the same classes by their object numbers.
         keys: the keys that every item has.
         stored: what is known of each frame (`StoredFrame`).
         left_out: how many drones were left out, because their box has its middle outside the picture.
@@ -99,7 +100,8 @@ class FrameDataset(Dataset):
         self.manifest = folders.read_manifest(self.root)
         flights = folders.find_flights(self.root, split, self.manifest)
         models = bop.read_models(self.root) or folders.unnamed_objects(self.root)
-        self._numbers, self.drones = list(models), tuple(models.values())
+        self.objects, self.drones = models, tuple(models.values())
+        self._numbers = list(models)
         self.left_out = 0  # drones whose box has its middle outside the picture
         self.stored: list[StoredFrame] = []
         for order, (folder, wanted) in enumerate(flights.items()):
@@ -327,6 +329,17 @@ class Relabelled(Dataset):
         labels = dataset.labels
         self._chosen = [i for i, label in enumerate(labels) if indices[label] is not None]
         self._labels = torch.tensor([indices[labels[i]] for i in self._chosen])
+
+    @property
+    def stored(self) -> list[StoredFrame]:
+        """Return what is known of each frame that is handed out."""
+        return [self.dataset.stored[i] for i in self._chosen]
+
+    def annotations(self) -> dict[str, Tensor]:
+        """Return everything but the images of the frames that are handed out, stacked."""
+        chosen = torch.tensor(self._chosen)
+        whole = self.dataset.annotations()
+        return {**{name: value[chosen] for name, value in whole.items()}, "label": self._labels}
 
     def __len__(self) -> int:
         return len(self._chosen)

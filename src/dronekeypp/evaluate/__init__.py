@@ -1,15 +1,17 @@
 """Evaluate networks (Sec. V-A).
 
-There are the errors of every frame, their summary by scene and drone, and the command `evaluate`.
+There are the errors of every frame, the paper's and the field's, their summary by scene and drone, and the
+command `evaluate`.
 """
 
+from dronekeypp.evaluate.bop_measures import BOP_COLUMNS, BOP_MEASURES, bop_errors
+from dronekeypp.evaluate.command import evaluate_checkpoint
 from dronekeypp.evaluate.errors import FORMAT, MARGIN, PCK, frame_errors
 from dronekeypp.evaluate.run import (
     apply_model,
     batches_of,
     constant_baseline,
     evaluate,
-    evaluate_checkpoint,
     share_drones,
     to_device,
 )
@@ -25,6 +27,8 @@ from dronekeypp.evaluate.statistics import (
 )
 
 __all__ = [
+    "BOP_COLUMNS",
+    "BOP_MEASURES",
     "FORMAT",
     "INTERVALS",
     "MARGIN",
@@ -33,6 +37,7 @@ __all__ = [
     "apply_model",
     "averages",
     "batches_of",
+    "bop_errors",
     "constant_baseline",
     "evaluate",
     "evaluate_checkpoint",

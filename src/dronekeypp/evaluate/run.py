@@ -1,11 +1,10 @@
-"""Measure a network's errors on a data set: `python -m dronekeypp evaluate`.
+"""Measure a network's errors on a data set.
 
 The constant answer, which every network has to beat, is measured here too.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -13,14 +12,12 @@ import numpy as np
 import torch
 from torch import nn
 from torch.utils.data import DataLoader, Dataset
-from tqdm import tqdm
 
-from dronekeypp import checkpoint, data, rotations
+from dronekeypp import data, rotations
 from dronekeypp.classes import are_named, match, names_of
 from dronekeypp.errors import InputError
 from dronekeypp.evaluate.errors import frame_errors
-from dronekeypp.evaluate.statistics import Frames, averages, format_table, json_values, summarise
-from dronekeypp.files import write_beside
+from dronekeypp.evaluate.statistics import Frames
 from dronekeypp.frame_dataset import FrameDataset, Relabelled
 
 # An error that must be finite, and the part of the output that it needs.
@@ -66,6 +63,7 @@ def evaluate(
     workers: int = 0,
     criterion: Callable[[dict, dict], dict[str, torch.Tensor]] | None = None,
     progress: Callable | None = None,
+    keep: Sequence[str] = (),
 ) -> Frames:
     """Return the errors of every frame of a data set, in its order.
 
@@ -78,6 +76,7 @@ def evaluate(
         workers: processes that load the data.
         criterion: `criterion(output, batch)` may add loss terms; their means come back as "losses".
         progress: may wrap the batches (tqdm).
+        keep: outputs of the network that come back as arrays as well, those that it has.
 
     Raises:
         InputError: the data set is empty, lacks a truth, or has other drones than the network knows; or a
@@ -101,7 +100,8 @@ def evaluate(
             for items in progress(loader) if progress else loader:
                 items = to_device(items, device)
                 output = apply_model(model, items, truth_inputs)
-                parts.append(frame_errors(output, items))
+                kept = {name: output[name].cpu().numpy() for name in keep if output.get(name) is not None}
+                parts.append({**frame_errors(output, items), **kept})
                 must_be_finite = measured_errors(output, items)
                 for name, value in (criterion(output, items) if criterion else {}).items():
                     sums[name] = sums.get(name, 0.0) + value.item() * len(items["t"])
@@ -222,65 +222,6 @@ def constant_baseline(train_set: Dataset, test_set: Dataset) -> Frames:
     # Only the width of the images is read; one stands for all.
     image = torch.as_tensor(test_set[0]["image"])[None]
     return frame_errors(output, {**test, "image": image})
-
-
-def evaluate_checkpoint(
-    source: str | Path,
-    dataset_root: str | Path,
-    split: str = "test",
-    json_file: str | Path | None = None,
-    progress: bool = True,
-) -> list[dict]:
-    """Measure a saved network on one split of a data set on disk, and print the table.
-
-    Args:
-        source: a checkpoint, a run folder, of which best/ is taken, or a file of `export`.
-        dataset_root: the data set.
-        split: the split.
-        json_file: a file to write the rows to; None for no file.
-        progress: show a bar.
-
-    Returns:
-        the rows of the table.
-
-    Raises:
-        InputError: the checkpoint or the data set cannot be read, or they have no drone in common.
-    """
-    if json_file:
-        check_writable(Path(json_file))  # before the work, not after it
-    model = checkpoint.load(source)
-    if isinstance(model, nn.Module):
-        model.to("cuda" if torch.cuda.is_available() else "cpu")
-    whole = data.open_dataset(dataset_root, split, size=model.config.image_size)
-    dataset, left_out = share_drones(model, whole)
-    if left_out:
-        print(f"{dataset_root}: {left_out}")
-    if whole.left_out:
-        print(
-            f"{dataset_root}: {whole.left_out} drones left out, the middle of whose box is not in the picture"
-        )
-
-    def show(batches: DataLoader) -> tqdm:
-        return tqdm(batches, split, leave=False, disable=None if progress else True)
-
-    frames = evaluate(model, dataset, progress=show)
-    named = tells_drones_apart(model) and are_named(model.drones)
-    names = names_of(model.drones if named else whole.drones)
-    rows, means = summarise(frames, names, method=model.method), averages(frames, method=model.method)
-    print(format_table(rows + means))
-    if not whole.manifest:
-        print(flight_legend(whole))
-    if json_file:
-        described = {"split": split, "digest": whole.digest}
-        result = json_values({"name": "evaluate", "dataset": described, "rows": rows, "averages": means})
-        write_beside(Path(json_file), (json.dumps(result, indent=1) + "\n").encode())
-    return rows
-
-
-def flight_legend(dataset: FrameDataset) -> str:
-    """Say which flight folder each scene number of a table stands for."""
-    flights = {frame.scene: frame.folder.name for frame in dataset.stored}
-    return "scenes: " + ", ".join(f"{number} {name}" for number, name in flights.items())
 
 
 def check_writable(path: Path) -> None:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 Frames = dict[str, np.ndarray]  # the arrays of `frame_errors`, joined: (F, …)
+# The columns of a row of results, by name: the array that each is made from, and how.
+Measures = Mapping[str, tuple[str, Callable[[np.ndarray], float]]]
 
-# One column of a row of results: the array that it is made from, and how.
-MEASURES: dict[str, tuple[str, Callable[[np.ndarray], float]]] = {
+MEASURES: Measures = {
     "R_mae_deg": ("R_deg", np.mean),
     "R_medae_deg": ("R_deg", np.median),
     "t_mae_m": ("t_m", np.mean),
@@ -29,15 +30,19 @@ MEASURES: dict[str, tuple[str, Callable[[np.ndarray], float]]] = {
 INTERVALS = ("R_mae_deg", "R_medae_deg", "t_mae_m", "t_medae_m", "class_accuracy")
 
 
-def measure(frames: Frames, chosen: np.ndarray | slice = slice(None)) -> dict[str, float]:
+def measure(
+    frames: Frames, chosen: np.ndarray | slice = slice(None), measures: Measures = MEASURES
+) -> dict[str, float]:
     """Return every measure over the chosen frames (an index array or a mask)."""
     values = {}
-    for name, (array, reduce) in MEASURES.items():
+    for name, (array, reduce) in measures.items():
         values[name] = float(reduce(frames[array][chosen]))
     return values
 
 
-def summarise(frames: Frames, names: Sequence[str], **labels: Any) -> list[dict]:
+def summarise(
+    frames: Frames, names: Sequence[str], measures: Measures = MEASURES, **labels: Any
+) -> list[dict]:
     """Return one row per scene and drone, in order.
 
     A row is {**labels, "scene", "drone", "frames", and every measure}.
@@ -45,6 +50,7 @@ def summarise(frames: Frames, names: Sequence[str], **labels: Any) -> list[dict]
     Args:
         frames: the arrays of `evaluate`.
         names: the drones in class order.
+        measures: the columns.
         labels: entries that are put in front of every row (method=, variant=, seed=).
     """
     rows = []
@@ -53,11 +59,11 @@ def summarise(frames: Frames, names: Sequence[str], **labels: Any) -> list[dict]
             chosen = (frames["scene"] == scene) & (frames["label"] == label)
             if chosen.any():
                 row = {**labels, "scene": int(scene), "drone": names[label], "frames": int(chosen.sum())}
-                rows.append({**row, **measure(frames, chosen)})
+                rows.append({**row, **measure(frames, chosen, measures)})
     return rows
 
 
-def averages(frames: Frames, draws: int = 1000, **labels: Any) -> list[dict]:
+def averages(frames: Frames, draws: int = 1000, measures: Measures = MEASURES, **labels: Any) -> list[dict]:
     """Return two rows of averages, which differ in "over": "rows" and "frames".
 
     The row "rows" is the mean of the rows of `summarise`, as a table's last column is. The row "frames" is
@@ -68,18 +74,19 @@ def averages(frames: Frames, draws: int = 1000, **labels: Any) -> list[dict]:
     subsequence). Such an interval is wider than one over frames, and right.
     """
     numbered = [str(i) for i in range(int(frames["label"].max()) + 1)]
-    rows = summarise(frames, numbered)
+    rows = summarise(frames, numbered, measures)
     by_rows: dict[str, Any] = {}
     row_intervals = {}
-    for name in MEASURES:
+    for name in measures:
         column = [row[name] for row in rows]
         by_rows[name] = float(np.mean(column))
         if np.isfinite(column).all():
             row_intervals[f"{name}_ci95"] = interval_of_mean(column, draws)
     counts = {"rows": len(rows), "frames": len(frames["label"])}
+    over_flights = flight_intervals(frames, draws)
     return [
         {**labels, "over": "rows", **counts, **by_rows, **row_intervals},
-        {**labels, "over": "frames", **counts, **measure(frames), **flight_intervals(frames, draws)},
+        {**labels, "over": "frames", **counts, **measure(frames, measures=measures), **over_flights},
     ]
 
 
@@ -136,7 +143,8 @@ def json_values(value: Any) -> Any:
 
 
 # The columns of `format_table`: title, key, digits, factor.
-COLUMNS = (
+Columns = Sequence[tuple[str, str, int, int]]
+COLUMNS: Columns = (
     ("R MAE°", "R_mae_deg", 2, 1),
     ("R Med°", "R_medae_deg", 2, 1),
     ("t MAE m", "t_mae_m", 3, 1),
@@ -149,8 +157,8 @@ COLUMNS = (
 )
 
 
-def format_table(rows: Sequence[dict]) -> str:
-    """Return rows of `summarise` or `averages` as plain text, one line each.
+def format_table(rows: Sequence[dict], columns: Columns = COLUMNS) -> str:
+    """Return these columns of rows of `summarise` or `averages` as plain text, one line each.
 
     Where their method and variant differ, these stand in front.
     """
@@ -159,12 +167,12 @@ def format_table(rows: Sequence[dict]) -> str:
         parts = [str(row[key]) for key in ("method", "variant") if row.get(key)]
         names.append(" ".join(parts))
     width = max(map(len, names)) + 2 if len(set(names)) > 1 else 0
-    titles = ["scene", "drone", "frames", *(column[0] for column in COLUMNS)]
+    titles = ["scene", "drone", "frames", *(column[0] for column in columns)]
     lines = [" " * width + "  ".join(f"{title:>8}" for title in titles)]
     for name, row in zip(names, rows, strict=True):
         scene, drone = (row["scene"], row["drone"]) if "scene" in row else ("mean of", row["over"])
         cells = [f"{scene!s:>8}", f"{drone!s:>8}", f"{row['frames']:8d}"]
-        for _, key, digits, factor in COLUMNS:
+        for _, key, digits, factor in columns:
             cells.append(f"{factor * row[key]:8.{digits}f}")
         lines.append(f"{name[:width]:{width}s}" + "  ".join(cells))
     return "\n".join(lines)

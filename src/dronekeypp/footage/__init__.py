@@ -5,12 +5,13 @@ The drone's boxes come from any detector, or from one box and a tracker.
 
 from dronekeypp.footage.boxes import check_box, read_boxes
 from dronekeypp.footage.camera import Calibration, read_camera
-from dronekeypp.footage.pictures import IMAGES, VIDEOS, Footage, open_footage, read_picture
+from dronekeypp.footage.pictures import IMAGES, VIDEOS, BopScene, Footage, open_footage, read_picture
 from dronekeypp.footage.tracker import Tracker
 
 __all__ = [
     "IMAGES",
     "VIDEOS",
+    "BopScene",
     "Calibration",
     "Footage",
     "Tracker",

@@ -13,8 +13,24 @@ import numpy as np
 from dronekeypp.errors import InputError
 from dronekeypp.files import digest, natural_order
 
+CAMERA_FILE = "scene_camera.json"  # of a scene of a BOP data set
 IMAGES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".m4v", ".webm")
+
+
+@dataclass(frozen=True)
+class BopScene:
+    """Hold what a BOP data set calls its scene and the images in it.
+
+    Attributes:
+        root: the data set, which holds models/ and the folder of the split.
+        number: of the scene, which its folder is called by.
+        images: the number of each image, in the order of the footage.
+    """
+
+    root: Path
+    number: int
+    images: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -48,6 +64,24 @@ class Footage:
         if self.is_video:
             return self.path.with_suffix("")
         return self.path if self.path.is_dir() else self.path.parent
+
+    @property
+    def bop_scene(self) -> BopScene | None:
+        """Return the scene of a BOP data set that the frames are of, or None for any other footage.
+
+        They are, where they lie in a folder such as rgb/ beside a scene_camera.json, and where that folder's
+        parent and all images have numbers for names, each image another.
+        """
+        scene = self.folder.resolve().parent
+        if self.is_video or not (scene / CAMERA_FILE).is_file():
+            return None
+        stems = [Path(name).stem for name in self.names]
+        if not all(name.isdecimal() for name in (scene.name, *stems)):
+            return None
+        images = tuple(int(stem) for stem in stems)
+        if len(set(images)) < len(images):
+            return None
+        return BopScene(scene.parent.parent, int(scene.name), images)
 
     def digest(self) -> str:
         """Return what tells it from other footage at the same place.
@@ -102,11 +136,15 @@ def read_picture(path: Path) -> np.ndarray | None:
 def open_footage(path: str | Path) -> Footage:
     """Open a video, a folder of images (in the order of their names) or one image.
 
+    Of the folder of a scene of a BOP data set, rgb/ in it is taken.
+
     Raises:
         InputError: The path does not exist, the folder holds no image, or the file is neither an image nor a
             video.
     """
     path = Path(path)
+    if (path / CAMERA_FILE).is_file() and (path / "rgb").is_dir():
+        path = path / "rgb"
     if path.is_dir():
         return Footage(path, _image_names(path), None)
     if not path.is_file():

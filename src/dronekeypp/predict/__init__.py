@@ -3,8 +3,11 @@
 OUT holds
     frames.csv      the journal, a row a frame, written as it goes; a killed run goes on after its last row
     poses.csv       the poses in BOP's results format (scene_id, im_id, obj_id, score, R, t, time; millimetres
-                    there and only there); im_id counts the frames of the footage from 0, whatever their files
-                    are called, and obj_id is the network's class index plus 1
+                    there and only there). Of a scene of a BOP data set (pictures with numbers for names, in a
+                    folder beside scene_camera.json) they have its own numbers of scene and images, and of the
+                    drones that its models_info.json names. Of other footage scene_id is 0, im_id counts the
+                    frames from 0, whatever their files are called, and obj_id is the network's class index
+                    plus 1
     overlay.mp4     box, propellers, body axes, the drone's name and its distance, drawn on the footage (of
                     one image: overlay.png)
     trajectory.png  the path in space

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,8 @@ import numpy as np
 from dronekeypp.classes import DroneClass, names_of
 from dronekeypp.errors import InputError
 from dronekeypp.files import digest, read_json, remove_unfinished, write_beside, write_json
+from dronekeypp.footage import BopScene
+from dronekeypp.sixdronesyn.results import Estimate, results_csv
 
 JOURNAL, POSES, SETTINGS = "frames.csv", "poses.csv", "settings.json"
 GOOD = "ok"  # the status of a frame with a pose; any other says why there is none
@@ -180,19 +182,26 @@ def to_pose(row: Row) -> Pose | None:
     )
 
 
-def bop_results(poses: Sequence[Pose], drones: Sequence[DroneClass]) -> str:
-    """Return the CSV that BOP's toolkit reads: R row by row, t in millimetres, time in seconds.
+def bop_results(poses: Sequence[Pose], numbers: Mapping[str, int], scene: BopScene | None = None) -> str:
+    """Return poses in BOP's results format.
 
-    The scene is 0, and images have the footage's frame numbers. The object's number is the class index + 1.
+    Args:
+        poses: the poses.
+        numbers: the object number of each drone, by its name.
+        scene: the scene of a BOP data set that they are of. Without one, the scene is 0 and images have the
+            footage's frame numbers.
     """
-    names = names_of(drones)
-    lines = ["scene_id,im_id,obj_id,score,R,t,time"]
+    estimates = []
     for pose in poses:
-        obj_id = names.index(pose.drone) + 1
-        R, t = _numbers_text(pose.R), _numbers_text(1000 * pose.t)
-        lines.append(f"0,{pose.frame},{obj_id},{pose.score:.4f},{R},{t},{pose.seconds:.5f}")
-    return "\n".join(lines) + "\n"
-
-
-def _numbers_text(values: np.ndarray) -> str:
-    return " ".join(f"{value:.6f}" for value in values.ravel())
+        estimates.append(
+            Estimate(
+                scene=scene.number if scene else 0,
+                image=scene.images[pose.frame] if scene else pose.frame,
+                number=numbers[pose.drone],
+                score=pose.score,
+                R=pose.R,
+                t=pose.t,
+                seconds=pose.seconds,
+            )
+        )
+    return results_csv(estimates)

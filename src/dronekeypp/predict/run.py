@@ -31,6 +31,8 @@ from dronekeypp.predict.journal import (
 )
 from dronekeypp.predict.overlay import TRAJECTORY, draw_trajectory, write_overlay
 from dronekeypp.sequences import gaussian
+from dronekeypp.sixdronesyn import bop
+from dronekeypp.sixdronesyn.results import object_numbers
 
 
 def predict(
@@ -82,6 +84,10 @@ def predict(
         "boxes": boxes_digest(boxes) if boxes is not None else [float(value) for value in box],
         "drones": {drone.name: drone.digest for drone in network.drones},
     }
+    scene = source.bop_scene
+    objects = bop.read_models(scene.root) if scene else {}
+    names = names_of(network.drones)
+    numbers = dict(zip(names, object_numbers(network.drones, objects), strict=True))
     width, height = _frame_size(source)
     calibration = calibration.for_frames(width, height)
     given, first_box = None, None
@@ -105,11 +111,11 @@ def predict(
         )
         batches = predicted(network, calibration, (width, height), frames, given, tracker)
         append_to_journal(out / JOURNAL, batches, source.names)
-        rows = read_journal(out / JOURNAL, names_of(network.drones))
+        rows = read_journal(out / JOURNAL, names)
         poses = _poses(rows, source, out / JOURNAL)
         if smooth > 0:
             poses = smoothed(poses, smooth, rate)
-        write_beside(out / POSES, bop_results(poses, network.drones).encode())
+        write_beside(out / POSES, bop_results(poses, numbers, scene).encode())
         write_beside(out / TRAJECTORY, draw_trajectory(poses))
         if overlay:
             pose_of = {pose.frame: pose for pose in poses}
