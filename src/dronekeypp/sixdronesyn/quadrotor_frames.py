@@ -26,16 +26,6 @@ from dronekeypp.sixdronesyn.shapes import RGB, Part, beam, block, hull, lathe, p
 BOARD = (26, 66, 44)  # of a circuit
 
 
-def _narrowed(plan: Plan, rear: float, front: float, half: float) -> tuple[tuple[float, float], float]:
-    """Return the x range and half width of something beside the discs, shortened until that width fits."""
-    x = (rear, front)
-    for _ in range(12):
-        if plan.free_half(x) >= half:
-            break
-        x = (0.92 * x[0], 0.92 * x[1])
-    return x, min(half, plan.free_half(x))
-
-
 def _flat_arm(root: np.ndarray, hub: np.ndarray, level: float, wide: float, thick: float, rgb: RGB) -> Part:
     """Build an arm cut from a plate, from `root` to under the hub, its middle at height `level`."""
     start, end = np.array([root[0], root[1], level]), np.array([hub[0], hub[1], level])
@@ -53,7 +43,8 @@ def racer(plan: Plan) -> Sides:
     drop = min(plan.low - plan.ground - 2.5 * thick, plan.motor * plan.draw(1.35, 1.9))
     level = plan.low - drop - thick
     reach = 0.5 * (plan.front[0] - plan.rear[0])
-    x, half = _narrowed(plan, -plan.draw(0.6, 1.05) * reach, plan.draw(0.6, 1.0) * reach, plan.draw(15, 27))
+    x = (-plan.draw(0.6, 1.05) * reach, plan.draw(0.6, 1.0) * reach)
+    x, half = plan.narrowed(x, plan.draw(15, 27))
     rear, front = x
     floor = level + thick
     rise = plan.draw(22, 34)  # between the plates
@@ -61,7 +52,8 @@ def racer(plan: Plan) -> Sides:
     middle = [plate(outline, (floor, floor + 3.4), carbon)]
     left = []
     roof = floor + rise
-    if plan.chance(0.72):
+    open_frame = plan.chance(0.75)
+    if open_frame:
         middle.append(plate(outline, (roof, roof + 3), carbon))
         post = plan.pick(colour, CARBON, (170, 40, 40), (150, 152, 156))
         for place in (0.88, 0.3, -0.3, -0.88):
@@ -100,7 +92,8 @@ def racer(plan: Plan) -> Sides:
             (front - 2, size + 2.4, floor + 0.5 * rise), (0.9 * size + 4, 1.5, 0.48 * rise), cage, around=12
         )
     )
-    middle += _racer_battery(plan, x, half, level - thick, roof + 3)
+    if open_frame:  # else it is under the canopy
+        middle += _racer_battery(plan, x, half, level - thick, roof + 3)
     # what sits at the rear
     kind = plan.rng.random()
     mount = (rear + 4, 0.0, floor + 0.4 * rise)
@@ -186,7 +179,12 @@ def plates(plan: Plan) -> Sides:
             limb = arm(start, hub, drop + thick, sizes, rgb, (0.5, 0.5, 0.5))
         else:
             limb = tube(start, tip + 0.03 * (tip - start), 0.8 * thick, rgb, around=10)
-            left.append(block(tip, (1.2 * plan.motor, 1.1 * plan.motor, 1.05 * thick), carbon, around=12))
+            seat = [
+                (0.9 * plan.motor, -1.1 * thick),
+                (1.1 * plan.motor, -0.7 * thick),
+                (1.1 * plan.motor, 1.02 * thick),
+            ]
+            left.append(lathe(seat, carbon, tip, segments=12))
         if plan.chance(0.3):
             limb = painted(limb, plan.accent, y=(0.7 * hub[1], 0.8 * hub[1]))
         left.append(limb)

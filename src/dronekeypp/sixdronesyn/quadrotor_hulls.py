@@ -151,7 +151,7 @@ def folding(plan: Plan) -> Sides:
                 rear_rgb,
             )
         )
-    elif bottom - plan.ground > 3:
+    elif 3 < bottom - plan.ground < 18:
         left.append(
             skid(
                 (x[0] + 0.15 * length, x[0] + 0.4 * length),

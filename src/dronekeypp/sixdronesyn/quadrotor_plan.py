@@ -104,6 +104,14 @@ class Plan:
                 half = min(half, float(hub[1] - np.sqrt(inside)))
         return half
 
+    def narrowed(self, x: tuple[float, float], half: float) -> tuple[tuple[float, float], float]:
+        """Return the x range and half width of something between the discs, shortened until it fits."""
+        for _ in range(12):
+            if self.free_half(x) >= half:
+                break
+            x = (0.92 * x[0], 0.92 * x[1])
+        return x, min(half, self.free_half(x))
+
     def clears(self, part: Part) -> bool:
         """Return whether no point of a part lies above a disc, or nearer than half the gap below it."""
         for hub in (self.front, self.rear):

@@ -55,8 +55,8 @@ class Family:
 FAMILIES: dict[str, Family] = {
     # a smooth hull with arms that fold and a camera on a gimbal in front
     "folding": Family(
-        weight=3.0,
-        size=(0.14, 0.60),
+        weight=3.4,
+        size=(0.11, 0.60),
         height=(0.21, 0.33),
         hub_height=(0.68, 0.98),
         aspect=(-0.2, 0.42),
@@ -68,8 +68,8 @@ FAMILIES: dict[str, Family] = {
     ),
     # a moulded shell whose arms are part of it, on landing legs
     "shell": Family(
-        weight=1.5,
-        size=(0.18, 0.65),
+        weight=2.0,
+        size=(0.11, 0.65),
         height=(0.34, 0.58),
         hub_height=(0.74, 0.92),
         aspect=(-0.1, 0.2),
@@ -81,21 +81,21 @@ FAMILIES: dict[str, Family] = {
     ),
     # carbon plates, a battery under a strap and a camera that looks up
     "racer": Family(
-        weight=2.0,
-        size=(0.10, 0.40),
+        weight=1.8,
+        size=(0.09, 0.40),
         height=(0.21, 0.31),
         hub_height=(0.36, 0.5),
         aspect=(-0.3, 0.3),
         taper=(-0.12, 0.25),
         rise=(0.0, 0.0),
         propeller=(0.72, 0.94),
-        motor=(0.055, 0.068),
+        motor=(0.046, 0.062),
         three_blades=0.72,
     ),
     # two plates with round or moulded arms
     "plate": Family(
-        weight=1.6,
-        size=(0.22, 0.80),
+        weight=1.2,
+        size=(0.20, 0.80),
         height=(0.24, 0.46),
         hub_height=(0.62, 0.85),
         aspect=(-0.2, 0.2),
@@ -107,7 +107,7 @@ FAMILIES: dict[str, Family] = {
     ),
     # a ring around every propeller
     "ducted": Family(
-        weight=1.5,
+        weight=1.1,
         size=(0.08, 0.26),
         height=(0.24, 0.38),
         hub_height=(0.5, 0.68),
@@ -120,7 +120,7 @@ FAMILIES: dict[str, Family] = {
     ),
     # a small moulded body on thin legs, now and then with guards
     "toy": Family(
-        weight=1.1,
+        weight=1.4,
         size=(0.08, 0.32),
         height=(0.26, 0.4),
         hub_height=(0.78, 0.98),
@@ -133,8 +133,8 @@ FAMILIES: dict[str, Family] = {
     ),
     # a box with batteries and antennas on tall legs
     "enterprise": Family(
-        weight=1.5,
-        size=(0.36, 0.80),
+        weight=2.4,
+        size=(0.30, 0.80),
         height=(0.34, 0.56),
         hub_height=(0.7, 0.92),
         aspect=(-0.12, 0.34),
