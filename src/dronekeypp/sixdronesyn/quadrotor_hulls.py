@@ -12,6 +12,7 @@ from dronekeypp.sixdronesyn.quadrotor_extras import (
     dome,
     fixed_camera,
     gimbal_camera,
+    guards,
     landing_loop,
     landing_skid,
     lights,
@@ -129,6 +130,8 @@ def folding(plan: Plan) -> Sides:
         )
     left += motors(plan, drop, plan.pick(plan.hull, dark))
     left += lights(plan, drop + 0.2 * wide)
+    if plan.chance(0.08):
+        left += guards(plan, drop)
     thick = 0.3 * wide
     left.append(
         leg(
@@ -215,6 +218,8 @@ def shell(plan: Plan) -> Sides:
         left.append(limb)
     left += motors(plan, drop, plan.pick(rgb, dark))
     left += lights(plan, drop + 0.4 * tall)
+    if plan.chance(0.14):
+        left += guards(plan, drop)
     legs = plan.pick(rgb, rgb, dark, BLACK)
     thick = plan.draw(0.008, 0.016) * 300
     y = plan.draw(0.9, 1.5) * half

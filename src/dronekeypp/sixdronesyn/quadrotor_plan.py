@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dronekeypp.sixdronesyn.drone import Drone
-from dronekeypp.sixdronesyn.quadrotors import accent
+from dronekeypp.sixdronesyn.quadrotors import accent, neighbour_distance
 from dronekeypp.sixdronesyn.shapes import RGB, Part, beam, surface
 
 BODY = 3  # what the generator is for, beside those of quadrotors.py
@@ -64,6 +64,11 @@ class Plan:
     def low(self) -> float:
         """Return z of the lower pair of hubs."""
         return float(min(self.front[2], self.rear[2]))
+
+    @property
+    def spare(self) -> float:
+        """Return the room between a disc and the middle of the way to the next one."""
+        return 0.5 * neighbour_distance(self.drone.hubs) * 1000 / self.scale - self.radius
 
     def draw(self, low: float, high: float) -> float:
         """Return an even draw between two numbers."""

@@ -13,6 +13,7 @@ from dronekeypp.sixdronesyn.quadrotor_extras import (
     battery,
     fixed_camera,
     gimbal_camera,
+    guards,
     lights,
     motors,
     rod,
@@ -20,7 +21,6 @@ from dronekeypp.sixdronesyn.quadrotor_extras import (
 )
 from dronekeypp.sixdronesyn.quadrotor_hulls import fuselage
 from dronekeypp.sixdronesyn.quadrotor_plan import Plan, Sides, plate, ring, rounded, tube
-from dronekeypp.sixdronesyn.quadrotors import neighbour_distance
 from dronekeypp.sixdronesyn.shapes import Part, beam, block, painted
 
 
@@ -69,55 +69,16 @@ def toy(plan: Plan) -> Sides:
         left.append(leg(hub, drop + 2, foot, (wide, 0.6 * wide), 0.4 * wide, colour))
     left += motors(plan, drop, plan.pick(dark, rgb, plan.accent))
     left += lights(plan, 0.9 * drop)
-    left += _guards(plan, drop)
+    if plan.chance(0.6):
+        left += guards(plan, drop, min(plan.spare, 16.0))
     if plan.chance(0.3):
         left += rod((0.6 * x[0], 0.3 * half, top - 0.3 * high), (-0.4, 0.1, 1), 0.6 * high, 1.4, BLACK)
     return middle, left
 
 
-def _guards(plan: Plan, drop: float) -> list[Part]:
-    """Build the left propeller guards of a toy, where there is room: rings or arcs on struts, or none."""
-    thick = plan.draw(1.6, 2.6)
-    if plan.chance(0.4):
-        return []
-    spare = min(_spare(plan), 16.0)
-    parts = []
-    rgb = plan.pick(plan.trim, plan.hull, plan.accent, BLACK)
-    whole = spare > 2.4 * thick + 3 and plan.chance(0.6)
-    radius = plan.radius + max(0.5 * spare + 1, thick + 3)
-    wide = np.pi if whole else plan.draw(0.3, 0.5) * np.pi
-    level = plan.draw(-0.6, 0.2) * drop
-    for hub in (plan.front, plan.rear):
-        outward = np.arctan2(hub[1], hub[0])
-        if whole:
-            profile = [(radius - thick, level - 1.4 * thick), (radius + thick, level - 1.4 * thick)]
-            profile += [(radius + thick, level + 1.4 * thick), (radius - thick, level + 1.4 * thick)]
-            parts.append(ring(hub, profile, rgb, segments=40))
-        else:
-            angle = outward + np.linspace(-wide, wide, 17)
-            knots = hub + np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(17, level)], -1)
-            sizes = np.tile([thick, 1.4 * thick], (17, 1))
-            parts.append(beam(knots, sizes, rgb, along=25, around=6))
-        for turn in (-0.75 * wide, 0.0, 0.75 * wide) if whole else (-0.6 * wide, 0.6 * wide):
-            direction = np.array([np.cos(outward + turn), np.sin(outward + turn), 0])
-            start = hub + (0, 0, -0.85 * drop)
-            end = hub + radius * direction + (0, 0, min(level, -4.0))
-            # it stays low until it is beyond the disc
-            parts.append(
-                beam([start, 0.5 * (start + end), end], [(thick, thick)] * 3, rgb, along=3, around=6)
-            )
-    return parts
-
-
-def _spare(plan: Plan) -> float:
-    """Return the room between a disc and the middle of the way to the next one."""
-    distance = neighbour_distance(plan.drone.hubs) * 1000 / plan.scale
-    return 0.5 * distance - plan.radius
-
-
 def ducted(plan: Plan) -> Sides:
     """Build a drone with a duct around every propeller, its body between them."""
-    spare = _spare(plan)
+    spare = plan.spare
     drop = plan.motor * plan.draw(1.2, 1.8)
     inner = plan.radius + plan.draw(2.0, 3.2)
     outer = plan.radius + spare + plan.draw(-0.25, 0.1) * spare

@@ -220,12 +220,13 @@ def accent(rng: np.random.Generator) -> RGB:
 
 def _colours(family: str, rng: np.random.Generator) -> dict[str, RGB | None]:
     """Return the colours of hull, trim, propellers and tips."""
-    kind = rng.random()
+    playful = family in ("racer", "ducted", "toy")  # these are sold in more colours than the others
+    kind = rng.random() * (1.3 if playful else 0.95)
     if kind < 0.2:
         hull = _grey(222, 250, rng)
-    elif kind < 0.4:
-        hull = _grey(120, 210, rng)
-    elif kind < 0.58:
+    elif kind < 0.41:
+        hull = _grey(120, 215, rng)
+    elif kind < 0.6:
         hull = _grey(22, 110, rng)
     else:
         hull = _saturated(rng)
@@ -236,7 +237,7 @@ def _colours(family: str, rng: np.random.Generator) -> dict[str, RGB | None]:
     else:
         trim = _grey(150, 240, rng)
 
-    plain = rng.random() < (0.4 if family in ("racer", "ducted", "toy") else 0.78)
+    plain = rng.random() < (0.4 if playful else 0.78)
     if plain and rng.random() < 0.75:
         propeller = _grey(22, 100, rng)
     elif plain:
@@ -245,7 +246,7 @@ def _colours(family: str, rng: np.random.Generator) -> dict[str, RGB | None]:
         propeller = _saturated(rng)
     tip = accent(rng) if rng.random() < 0.3 else propeller
     rear = None
-    if rng.random() < (0.25 if family in ("racer", "ducted", "toy", "plate") else 0.06):
+    if rng.random() < (0.25 if playful else 0.08):
         rear = _saturated(rng) if rng.random() < 0.6 else _grey(22, 245, rng)
     return {
         "hull_rgb": hull,
