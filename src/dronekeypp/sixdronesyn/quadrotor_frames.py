@@ -170,7 +170,7 @@ def plates(plan: Plan) -> Sides:
     left = []
     # arms: the front pair often has another colour, so that the pilot knows which way it looks
     front_rgb = plan.pick(plan.hull, carbon, plan.accent, WHITE, RED)
-    rear_rgb = plan.pick(carbon, plan.trim, WHITE) if plan.chance(0.6) else front_rgb
+    rear_rgb = plan.pick(carbon, plan.trim, WHITE) if plan.chance(0.7) else front_rgb
     for hub, end, rgb in ((plan.front, x[1], front_rgb), (plan.rear, x[0], rear_rgb)):
         start = np.array([0.5 * end, 0.45 * size, level])
         tip = np.array([hub[0], hub[1], hub[2] - drop - thick])
@@ -192,7 +192,7 @@ def plates(plan: Plan) -> Sides:
     if plan.chance(0.6):
         left += lights(plan, drop + thick)
     middle += _on_top(plan, x, size, top + 3)
-    below, legs = _below(plan, x, size, bottom - 3, thick)
+    below, legs = _below(plan, x, size, bottom - 3, thick, camera=front_rgb == rear_rgb or plan.chance(0.75))
     return middle + below, left + legs
 
 
@@ -232,8 +232,8 @@ def _on_top(plan: Plan, x: tuple[float, float], size: float, z: float) -> list[P
     return parts
 
 
-def _below(plan: Plan, x: tuple[float, float], size: float, z: float, thick: float) -> Sides:
-    """Build what hangs below the lower plate, middle and left: legs, battery, camera or box."""
+def _below(plan: Plan, x: tuple[float, float], size: float, z: float, thick: float, camera: bool) -> Sides:
+    """Build what hangs below the lower plate, middle and left: legs, a battery or a box, a camera if asked."""
     room = z - plan.ground
     middle, legs = [], []
     kind = plan.rng.random()
@@ -264,8 +264,8 @@ def _below(plan: Plan, x: tuple[float, float], size: float, z: float, thick: flo
         else:
             middle += box(plan, at, (0.6 * x[1], 0.6 * size, deep), plan.pick(plan.hull, plan.grey(40, 90)))
     wide = plan.draw(10, 17)
-    if room > 30 and plan.chance(0.6):
+    if camera and room > 30 and plan.chance(0.7):
         middle += gimbal_camera(plan, x[1] - 4, z + 1, plan.ground + 5, wide)
-    elif plan.chance(0.7):
+    elif camera:
         middle += fixed_camera(plan, (x[1] + 2, 0, z + thick + 3), 0.5 * wide, plan.draw(-0.2, 0.3), BLACK)
     return middle, legs

@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dronekeypp.sixdronesyn.drone import Drone
-from dronekeypp.sixdronesyn.quadrotors import accent, neighbour_distance
+from dronekeypp.sixdronesyn.quadrotor_colours import accent
+from dronekeypp.sixdronesyn.quadrotors import neighbour_distance
 from dronekeypp.sixdronesyn.shapes import RGB, Part, beam, surface
 
 BODY = 3  # what the generator is for, beside those of quadrotors.py

@@ -43,7 +43,8 @@ def toy(plan: Plan) -> Sides:
         body = painted(body, dark, z=(bottom - 9, bottom + plan.draw(0.25, 0.5) * high))
     if plan.chance(0.6):
         body = sticker(plan, body, x, half, (bottom + 0.5 * high, top + 9))
-    if plan.chance(0.6):  # the window in front
+    window = plan.chance(0.6)
+    if window:  # in front
         low = bottom + plan.draw(0.4, 0.6) * high
         body = painted(
             body,
@@ -52,7 +53,7 @@ def toy(plan: Plan) -> Sides:
             z=(low, low + 0.28 * high),
         )
     middle = [body]
-    if plan.chance(0.6):
+    if not window or plan.chance(0.5):
         size = plan.draw(0.2, 0.34) * half
         middle += fixed_camera(
             plan, (x[1] - 0.3 * size, 0, bottom + 0.4 * high), size, plan.draw(-0.3, 0.2), dark
