@@ -178,6 +178,16 @@ def test_propellers_clear_the_body(number: int) -> None:
 
 
 @each
+def test_a_hub_is_seen_from_above_and_hidden_from_below(number: int) -> None:
+    mesh = meshes.drone_mesh(quadrotor(number))
+    for hub in mesh.hubs:
+        for direction, hidden in (([0.013, 0.007, 1.0], False), ([0.013, 0.007, -1.0], True)):
+            start = hub + mesh.hub_clearance * np.array(direction)
+            end = hub + np.array(direction)
+            assert (len(mesh.body.ray_trace(start, end)[0]) > 0) == hidden
+
+
+@each
 def test_front_and_rear_differ(number: int) -> None:
     """Turned by half a turn about the vertical axis, a body does not look the same."""
     merged = shapes.merge(parts(number))

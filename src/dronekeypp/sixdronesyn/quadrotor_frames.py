@@ -233,7 +233,7 @@ def _on_top(plan: Plan, x: tuple[float, float], size: float, z: float) -> list[P
 
 
 def _below(plan: Plan, x: tuple[float, float], size: float, z: float, thick: float, camera: bool) -> Sides:
-    """Build what hangs below the lower plate, middle and left: legs, a battery or a box, a camera if asked."""
+    """Build what hangs below the lower plate, middle and left: legs, a battery or a box, a camera."""
     room = z - plan.ground
     middle, legs = [], []
     kind = plan.rng.random()

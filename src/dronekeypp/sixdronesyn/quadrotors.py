@@ -216,7 +216,8 @@ def quadrotor(number: int, seed: int = 0) -> Drone:
     diameter = share * neighbour_distance(hubs)
     # a small drone has large motors for its size
     motor = rng.uniform(*family.motor) * wheelbase * (0.3 / wheelbase) ** 0.2
-    motor = min(motor, 0.2 * diameter)
+    # and no motor is much flatter than it is wide
+    motor = min(motor, 0.2 * diameter, 0.65 * (hubs[:, 2].min() + height / 2))
     blades = 2
     if rng.random() < family.three_blades:
         blades = 3 if rng.random() < 0.8 else 4
