@@ -1,8 +1,9 @@
 """This module builds the bodies of random quadrotors, one builder for each family."""
 
 from dronekeypp.sixdronesyn.drone import Drone
+from dronekeypp.sixdronesyn.quadrotor_enterprise import enterprise
 from dronekeypp.sixdronesyn.quadrotor_frames import plates, racer
-from dronekeypp.sixdronesyn.quadrotor_hulls import enterprise, folding, shell
+from dronekeypp.sixdronesyn.quadrotor_hulls import folding, shell
 from dronekeypp.sixdronesyn.quadrotor_plan import plan_of, scaled
 from dronekeypp.sixdronesyn.quadrotor_small import ducted, toy
 from dronekeypp.sixdronesyn.shapes import Part, mirrored

@@ -18,8 +18,8 @@ from dronekeypp.sixdronesyn.fittings import (
     motor,
     shade,
 )
-from dronekeypp.sixdronesyn.quadrotor_plan import Plan, Point, facing, plate, rounded, tube
-from dronekeypp.sixdronesyn.shapes import RGB, Part, block, lathe, moved, painted
+from dronekeypp.sixdronesyn.quadrotor_plan import Plan, Point, facing, plate, ring, rounded, tube
+from dronekeypp.sixdronesyn.shapes import RGB, Part, beam, block, lathe, moved, painted
 
 CARBON = (34, 35, 38)
 LIGHTS = (RED, GREEN, WHITE, (40, 120, 255), (255, 160, 30))
@@ -199,3 +199,37 @@ def box(plan: Plan, at: Point, half: Point, rgb: RGB) -> list[Part]:
         shade(rgb, 0.7),
     )
     return [block(at, half, rgb, soft=0.2, exponent=8), lid]
+
+
+def guards(plan: Plan, drop: float, spare: float = 0.0) -> list[Part]:
+    """Build the left propeller guards on struts: arcs on the outer side, or whole rings where there is room.
+
+    `drop` is how far below the hub the struts begin, `spare` the room that a whole ring may take.
+    """
+    thick = plan.draw(1.6, 2.2)
+    parts = []
+    rgb = plan.pick(plan.trim, plan.hull, plan.accent, BLACK)
+    whole = spare > 2.4 * thick + 3 and plan.chance(0.6)
+    radius = plan.radius + max(0.5 * spare + 1, thick + 3)
+    wide = np.pi if whole else plan.draw(0.3, 0.5) * np.pi
+    level = plan.draw(-0.6, 0.2) * drop
+    for hub in (plan.front, plan.rear):
+        outward = np.arctan2(hub[1], hub[0])
+        if whole:
+            profile = [(radius - thick, level - 1.4 * thick), (radius + thick, level - 1.4 * thick)]
+            profile += [(radius + thick, level + 1.4 * thick), (radius - thick, level + 1.4 * thick)]
+            parts.append(ring(hub, profile, rgb, segments=40))
+        else:
+            angle = outward + np.linspace(-wide, wide, 17)
+            knots = hub + np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(17, level)], -1)
+            sizes = np.tile([thick, 1.4 * thick], (17, 1))
+            parts.append(beam(knots, sizes, rgb, along=25, around=6))
+        for turn in (-0.75 * wide, 0.0, 0.75 * wide) if whole else (-0.6 * wide, 0.6 * wide):
+            direction = np.array([np.cos(outward + turn), np.sin(outward + turn), 0])
+            start = hub + (0, 0, -0.85 * drop)
+            end = hub + radius * direction + (0, 0, min(level, -4.0))
+            # it stays low until it is beyond the disc
+            parts.append(
+                beam([start, 0.5 * (start + end), end], [(thick, thick)] * 3, rgb, along=3, around=6)
+            )
+    return parts

@@ -26,16 +26,6 @@ from dronekeypp.sixdronesyn.shapes import RGB, Part, beam, block, hull, lathe, p
 BOARD = (26, 66, 44)  # of a circuit
 
 
-def _narrowed(plan: Plan, rear: float, front: float, half: float) -> tuple[tuple[float, float], float]:
-    """Return the x range and half width of something beside the discs, shortened until that width fits."""
-    x = (rear, front)
-    for _ in range(12):
-        if plan.free_half(x) >= half:
-            break
-        x = (0.92 * x[0], 0.92 * x[1])
-    return x, min(half, plan.free_half(x))
-
-
 def _flat_arm(root: np.ndarray, hub: np.ndarray, level: float, wide: float, thick: float, rgb: RGB) -> Part:
     """Build an arm cut from a plate, from `root` to under the hub, its middle at height `level`."""
     start, end = np.array([root[0], root[1], level]), np.array([hub[0], hub[1], level])
@@ -53,7 +43,8 @@ def racer(plan: Plan) -> Sides:
     drop = min(plan.low - plan.ground - 2.5 * thick, plan.motor * plan.draw(1.35, 1.9))
     level = plan.low - drop - thick
     reach = 0.5 * (plan.front[0] - plan.rear[0])
-    x, half = _narrowed(plan, -plan.draw(0.6, 1.05) * reach, plan.draw(0.6, 1.0) * reach, plan.draw(15, 27))
+    x = (-plan.draw(0.6, 1.05) * reach, plan.draw(0.6, 1.0) * reach)
+    x, half = plan.narrowed(x, plan.draw(15, 27))
     rear, front = x
     floor = level + thick
     rise = plan.draw(22, 34)  # between the plates
@@ -61,7 +52,8 @@ def racer(plan: Plan) -> Sides:
     middle = [plate(outline, (floor, floor + 3.4), carbon)]
     left = []
     roof = floor + rise
-    if plan.chance(0.72):
+    open_frame = plan.chance(0.75)
+    if open_frame:
         middle.append(plate(outline, (roof, roof + 3), carbon))
         post = plan.pick(colour, CARBON, (170, 40, 40), (150, 152, 156))
         for place in (0.88, 0.3, -0.3, -0.88):
@@ -100,7 +92,8 @@ def racer(plan: Plan) -> Sides:
             (front - 2, size + 2.4, floor + 0.5 * rise), (0.9 * size + 4, 1.5, 0.48 * rise), cage, around=12
         )
     )
-    middle += _racer_battery(plan, x, half, level - thick, roof + 3)
+    if open_frame:  # else it is under the canopy
+        middle += _racer_battery(plan, x, half, level - thick, roof + 3)
     # what sits at the rear
     kind = plan.rng.random()
     mount = (rear + 4, 0.0, floor + 0.4 * rise)
@@ -177,7 +170,7 @@ def plates(plan: Plan) -> Sides:
     left = []
     # arms: the front pair often has another colour, so that the pilot knows which way it looks
     front_rgb = plan.pick(plan.hull, carbon, plan.accent, WHITE, RED)
-    rear_rgb = plan.pick(carbon, plan.trim, WHITE) if plan.chance(0.6) else front_rgb
+    rear_rgb = plan.pick(carbon, plan.trim, WHITE) if plan.chance(0.7) else front_rgb
     for hub, end, rgb in ((plan.front, x[1], front_rgb), (plan.rear, x[0], rear_rgb)):
         start = np.array([0.5 * end, 0.45 * size, level])
         tip = np.array([hub[0], hub[1], hub[2] - drop - thick])
@@ -186,7 +179,12 @@ def plates(plan: Plan) -> Sides:
             limb = arm(start, hub, drop + thick, sizes, rgb, (0.5, 0.5, 0.5))
         else:
             limb = tube(start, tip + 0.03 * (tip - start), 0.8 * thick, rgb, around=10)
-            left.append(block(tip, (1.2 * plan.motor, 1.1 * plan.motor, 1.05 * thick), carbon, around=12))
+            seat = [
+                (0.9 * plan.motor, -1.1 * thick),
+                (1.1 * plan.motor, -0.7 * thick),
+                (1.1 * plan.motor, 1.02 * thick),
+            ]
+            left.append(lathe(seat, carbon, tip, segments=12))
         if plan.chance(0.3):
             limb = painted(limb, plan.accent, y=(0.7 * hub[1], 0.8 * hub[1]))
         left.append(limb)
@@ -194,7 +192,7 @@ def plates(plan: Plan) -> Sides:
     if plan.chance(0.6):
         left += lights(plan, drop + thick)
     middle += _on_top(plan, x, size, top + 3)
-    below, legs = _below(plan, x, size, bottom - 3, thick)
+    below, legs = _below(plan, x, size, bottom - 3, thick, camera=front_rgb == rear_rgb or plan.chance(0.75))
     return middle + below, left + legs
 
 
@@ -234,8 +232,8 @@ def _on_top(plan: Plan, x: tuple[float, float], size: float, z: float) -> list[P
     return parts
 
 
-def _below(plan: Plan, x: tuple[float, float], size: float, z: float, thick: float) -> Sides:
-    """Build what hangs below the lower plate, middle and left: legs, battery, camera or box."""
+def _below(plan: Plan, x: tuple[float, float], size: float, z: float, thick: float, camera: bool) -> Sides:
+    """Build what hangs below the lower plate, middle and left: legs, a battery or a box, a camera."""
     room = z - plan.ground
     middle, legs = [], []
     kind = plan.rng.random()
@@ -266,8 +264,8 @@ def _below(plan: Plan, x: tuple[float, float], size: float, z: float, thick: flo
         else:
             middle += box(plan, at, (0.6 * x[1], 0.6 * size, deep), plan.pick(plan.hull, plan.grey(40, 90)))
     wide = plan.draw(10, 17)
-    if room > 30 and plan.chance(0.6):
+    if camera and room > 30 and plan.chance(0.7):
         middle += gimbal_camera(plan, x[1] - 4, z + 1, plan.ground + 5, wide)
-    elif plan.chance(0.7):
+    elif camera:
         middle += fixed_camera(plan, (x[1] + 2, 0, z + thick + 3), 0.5 * wide, plan.draw(-0.2, 0.3), BLACK)
     return middle, legs

@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dronekeypp.sixdronesyn.drone import Drone
-from dronekeypp.sixdronesyn.quadrotors import accent
+from dronekeypp.sixdronesyn.quadrotor_colours import accent
+from dronekeypp.sixdronesyn.quadrotors import neighbour_distance
 from dronekeypp.sixdronesyn.shapes import RGB, Part, beam, surface
 
 BODY = 3  # what the generator is for, beside those of quadrotors.py
@@ -65,6 +66,11 @@ class Plan:
         """Return z of the lower pair of hubs."""
         return float(min(self.front[2], self.rear[2]))
 
+    @property
+    def spare(self) -> float:
+        """Return the room between a disc and the middle of the way to the next one."""
+        return 0.5 * neighbour_distance(self.drone.hubs) * 1000 / self.scale - self.radius
+
     def draw(self, low: float, high: float) -> float:
         """Return an even draw between two numbers."""
         return float(self.rng.uniform(low, high))
@@ -103,6 +109,14 @@ class Plan:
             if inside > 0:
                 half = min(half, float(hub[1] - np.sqrt(inside)))
         return half
+
+    def narrowed(self, x: tuple[float, float], half: float) -> tuple[tuple[float, float], float]:
+        """Return the x range and half width of something between the discs, shortened until it fits."""
+        for _ in range(12):
+            if self.free_half(x) >= half:
+                break
+            x = (0.92 * x[0], 0.92 * x[1])
+        return x, min(half, self.free_half(x))
 
     def clears(self, part: Part) -> bool:
         """Return whether no point of a part lies above a disc, or nearer than half the gap below it."""

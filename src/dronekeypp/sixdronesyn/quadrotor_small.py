@@ -13,14 +13,14 @@ from dronekeypp.sixdronesyn.quadrotor_extras import (
     battery,
     fixed_camera,
     gimbal_camera,
+    guards,
     lights,
     motors,
     rod,
     sticker,
 )
 from dronekeypp.sixdronesyn.quadrotor_hulls import fuselage
-from dronekeypp.sixdronesyn.quadrotor_plan import Plan, Sides, plate, ring, rounded
-from dronekeypp.sixdronesyn.quadrotors import neighbour_distance
+from dronekeypp.sixdronesyn.quadrotor_plan import Plan, Sides, plate, ring, rounded, tube
 from dronekeypp.sixdronesyn.shapes import Part, beam, block, painted
 
 
@@ -28,9 +28,10 @@ def toy(plan: Plan) -> Sides:
     """Build a small moulded drone on thin legs, its canopy in a bright colour."""
     rgb, dark = plan.hull, plan.trim
     reach = 0.5 * (plan.front[0] - plan.rear[0])
-    x = (-plan.draw(0.7, 1.2) * reach, plan.draw(0.75, 1.25) * reach)
-    free = plan.free_half(x)
-    half = min(plan.draw(0.11, 0.19) * 300, max(free, 24))
+    x = (-plan.draw(0.45, 0.95) * reach, plan.draw(0.5, 1.0) * reach)
+    half = plan.draw(0.11, 0.19) * 300
+    if plan.chance(0.5):  # a tall canopy beside the discs, else a low one below them
+        x, half = plan.narrowed(x, half)
     drop = plan.motor * plan.draw(2.0, 3.2)
     bottom = plan.ground + plan.draw(0.1, 0.35) * plan.height
     roof = plan.roof(x, half)
@@ -42,7 +43,8 @@ def toy(plan: Plan) -> Sides:
         body = painted(body, dark, z=(bottom - 9, bottom + plan.draw(0.25, 0.5) * high))
     if plan.chance(0.6):
         body = sticker(plan, body, x, half, (bottom + 0.5 * high, top + 9))
-    if plan.chance(0.6):  # the window in front
+    window = plan.chance(0.6)
+    if window:  # in front
         low = bottom + plan.draw(0.4, 0.6) * high
         body = painted(
             body,
@@ -51,7 +53,7 @@ def toy(plan: Plan) -> Sides:
             z=(low, low + 0.28 * high),
         )
     middle = [body]
-    if plan.chance(0.6):
+    if not window or plan.chance(0.5):
         size = plan.draw(0.2, 0.34) * half
         middle += fixed_camera(
             plan, (x[1] - 0.3 * size, 0, bottom + 0.4 * high), size, plan.draw(-0.3, 0.2), dark
@@ -68,55 +70,16 @@ def toy(plan: Plan) -> Sides:
         left.append(leg(hub, drop + 2, foot, (wide, 0.6 * wide), 0.4 * wide, colour))
     left += motors(plan, drop, plan.pick(dark, rgb, plan.accent))
     left += lights(plan, 0.9 * drop)
-    left += _guards(plan, drop)
+    if plan.chance(0.6):
+        left += guards(plan, drop, min(plan.spare, 16.0))
     if plan.chance(0.3):
         left += rod((0.6 * x[0], 0.3 * half, top - 0.3 * high), (-0.4, 0.1, 1), 0.6 * high, 1.4, BLACK)
     return middle, left
 
 
-def _guards(plan: Plan, drop: float) -> list[Part]:
-    """Build the left propeller guards of a toy, where there is room: rings or arcs on struts, or none."""
-    spare = _spare(plan)
-    thick = plan.draw(1.6, 2.6)
-    if spare < 2.4 * thick + 3 or plan.chance(0.35):
-        return []
-    parts = []
-    rgb = plan.pick(plan.trim, plan.hull, plan.accent, BLACK)
-    radius = plan.radius + 0.5 * spare + 1
-    whole = plan.chance(0.5)
-    wide = np.pi if whole else plan.draw(0.45, 0.8) * np.pi
-    level = plan.draw(-0.6, 0.2) * drop
-    for hub in (plan.front, plan.rear):
-        outward = np.arctan2(hub[1], hub[0])
-        if whole:
-            profile = [(radius - thick, level - 1.4 * thick), (radius + thick, level - 1.4 * thick)]
-            profile += [(radius + thick, level + 1.4 * thick), (radius - thick, level + 1.4 * thick)]
-            parts.append(ring(hub, profile, rgb, segments=40))
-        else:
-            angle = outward + np.linspace(-wide, wide, 17)
-            knots = hub + np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(17, level)], -1)
-            sizes = np.tile([thick, 1.4 * thick], (17, 1))
-            parts.append(beam(knots, sizes, rgb, along=25, around=6))
-        for turn in (-0.75 * wide, 0.0, 0.75 * wide) if whole else (-0.6 * wide, 0.6 * wide):
-            direction = np.array([np.cos(outward + turn), np.sin(outward + turn), 0])
-            start = hub + (0, 0, -0.85 * drop)
-            end = hub + radius * direction + (0, 0, min(level, -4.0))
-            # it stays low until it is beyond the disc
-            parts.append(
-                beam([start, 0.5 * (start + end), end], [(thick, thick)] * 3, rgb, along=3, around=6)
-            )
-    return parts
-
-
-def _spare(plan: Plan) -> float:
-    """Return the room between a disc and the middle of the way to the next one."""
-    distance = neighbour_distance(plan.drone.hubs) * 1000 / plan.scale
-    return 0.5 * distance - plan.radius
-
-
 def ducted(plan: Plan) -> Sides:
     """Build a drone with a duct around every propeller, its body between them."""
-    spare = _spare(plan)
+    spare = plan.spare
     drop = plan.motor * plan.draw(1.2, 1.8)
     inner = plan.radius + plan.draw(2.0, 3.2)
     outer = plan.radius + spare + plan.draw(-0.25, 0.1) * spare
@@ -147,7 +110,7 @@ def ducted(plan: Plan) -> Sides:
             left.append(beam([base, end], [(3.4, 2.4), (2.4, 1.8)], colour, along=2, around=6, round_end=0.1))
     left += motors(plan, drop, plan.pick(BLACK, plan.trim, rgb))
     base = plan.low - drop - 3
-    x = (-plan.draw(0.6, 0.95) * reach, plan.draw(0.65, 1.1) * reach)
+    x = (-plan.draw(0.4, 0.85) * reach, plan.draw(0.4, 0.9) * reach)
     kind = plan.rng.random()
     if kind < 0.4:
         middle = _canopy(plan, x, base)
@@ -164,6 +127,9 @@ def ducted(plan: Plan) -> Sides:
             np.array([hub[0], hub[1], hub[2] - drop - 3]),
         )
         left.append(beam([start, end], [(8, 2.6), (6.5, 2.4)], colour, along=3, around=8, exponent=5))
+        foot = hub - (0, 0, drop + 5)
+        if foot[2] - plan.ground > 3:
+            left.append(tube(foot, (hub[0], hub[1], plan.ground + 0.4), 4.0, colour, around=8))
     if plan.chance(0.35):
         left += lights(plan, drop)
     return middle, left
@@ -181,7 +147,7 @@ def _under(plan: Plan, base: float) -> list[Part]:
 
 def _canopy(plan: Plan, x: tuple[float, float], base: float) -> list[Part]:
     """Build a whoop: a canopy over the board, a camera that looks out of it, a battery below."""
-    half = min(plan.draw(18, 32), plan.free_half(x))
+    x, half = plan.narrowed(x, plan.draw(18, 32))
     top = base + plan.draw(0.12, 0.2) * 300
     body = fuselage(plan, x, half, (base - 3, top), plan.draw(0.1, 0.3), plan.draw(0.6, 1.0))
     if plan.chance(0.7):
@@ -197,7 +163,7 @@ def _canopy(plan: Plan, x: tuple[float, float], base: float) -> list[Part]:
 
 def _deck(plan: Plan, x: tuple[float, float], base: float) -> list[Part]:
     """Build a carbon deck between the ducts, with a battery and a camera on top."""
-    half = min(plan.draw(20, 32), plan.free_half(x))
+    x, half = plan.narrowed(x, plan.draw(20, 32))
     outline = rounded(x, half, 0.5 * half)
     rise = plan.draw(20, 30)
     carbon = plan.grey(24, 50)
@@ -228,7 +194,7 @@ def _deck(plan: Plan, x: tuple[float, float], base: float) -> list[Part]:
 
 def _pod(plan: Plan, x: tuple[float, float], base: float) -> Sides:
     """Build a moulded body with the battery in its tail and a camera on a gimbal in its nose."""
-    half = min(plan.draw(22, 36), plan.free_half(x))
+    x, half = plan.narrowed(x, plan.draw(22, 36))
     bottom = max(plan.ground + 1, base - plan.draw(16, 30))
     top = base + plan.draw(14, 36)
     high = top - bottom

@@ -13,7 +13,7 @@ import numpy as np
 
 from dronekeypp.errors import InputError
 from dronekeypp.sixdronesyn.drone import Drone, spread_hubs
-from dronekeypp.sixdronesyn.shapes import RGB
+from dronekeypp.sixdronesyn.quadrotor_colours import colours
 
 PREFIX = "Quad"
 WHEELBASE = (0.08, 0.8)  # metres, the smallest and the largest
@@ -55,8 +55,8 @@ class Family:
 FAMILIES: dict[str, Family] = {
     # a smooth hull with arms that fold and a camera on a gimbal in front
     "folding": Family(
-        weight=3.0,
-        size=(0.14, 0.60),
+        weight=3.4,
+        size=(0.11, 0.60),
         height=(0.21, 0.33),
         hub_height=(0.68, 0.98),
         aspect=(-0.2, 0.42),
@@ -68,8 +68,8 @@ FAMILIES: dict[str, Family] = {
     ),
     # a moulded shell whose arms are part of it, on landing legs
     "shell": Family(
-        weight=1.5,
-        size=(0.18, 0.65),
+        weight=2.0,
+        size=(0.11, 0.65),
         height=(0.34, 0.58),
         hub_height=(0.74, 0.92),
         aspect=(-0.1, 0.2),
@@ -81,21 +81,21 @@ FAMILIES: dict[str, Family] = {
     ),
     # carbon plates, a battery under a strap and a camera that looks up
     "racer": Family(
-        weight=2.0,
-        size=(0.10, 0.40),
+        weight=1.8,
+        size=(0.09, 0.40),
         height=(0.21, 0.31),
         hub_height=(0.36, 0.5),
         aspect=(-0.3, 0.3),
         taper=(-0.12, 0.25),
         rise=(0.0, 0.0),
         propeller=(0.72, 0.94),
-        motor=(0.055, 0.068),
+        motor=(0.046, 0.062),
         three_blades=0.72,
     ),
     # two plates with round or moulded arms
     "plate": Family(
-        weight=1.6,
-        size=(0.22, 0.80),
+        weight=1.2,
+        size=(0.20, 0.80),
         height=(0.24, 0.46),
         hub_height=(0.62, 0.85),
         aspect=(-0.2, 0.2),
@@ -107,7 +107,7 @@ FAMILIES: dict[str, Family] = {
     ),
     # a ring around every propeller
     "ducted": Family(
-        weight=1.5,
+        weight=1.1,
         size=(0.08, 0.26),
         height=(0.24, 0.38),
         hub_height=(0.5, 0.68),
@@ -120,7 +120,7 @@ FAMILIES: dict[str, Family] = {
     ),
     # a small moulded body on thin legs, now and then with guards
     "toy": Family(
-        weight=1.1,
+        weight=1.4,
         size=(0.08, 0.32),
         height=(0.26, 0.4),
         hub_height=(0.78, 0.98),
@@ -133,8 +133,8 @@ FAMILIES: dict[str, Family] = {
     ),
     # a box with batteries and antennas on tall legs
     "enterprise": Family(
-        weight=1.5,
-        size=(0.36, 0.80),
+        weight=2.4,
+        size=(0.30, 0.80),
         height=(0.34, 0.56),
         hub_height=(0.7, 0.92),
         aspect=(-0.12, 0.34),
@@ -197,65 +197,6 @@ def neighbour_distance(hubs: np.ndarray) -> float:
     return float(distances[np.triu_indices(4, 1)].min())
 
 
-def _saturated(rng: np.random.Generator) -> RGB:
-    """Return a strong colour of any hue."""
-    hue = rng.uniform(0, 6)
-    saturation, value = rng.uniform(0.55, 1.0), rng.uniform(0.45, 1.0)
-    ramp = np.clip(np.abs(np.remainder(hue + np.array([0.0, 4.0, 2.0]), 6) - 3) - 1, 0, 1)
-    red, green, blue = np.rint(255 * value * (1 - saturation * (1 - ramp))).astype(int).tolist()
-    return red, green, blue
-
-
-def _grey(low: int, high: int, rng: np.random.Generator) -> RGB:
-    """Return a grey between two values, a little warm or cool."""
-    value = rng.integers(low, high)
-    red, green, blue = np.clip(value + rng.integers(-3, 4, 3), 0, 255).tolist()
-    return red, green, blue
-
-
-def accent(rng: np.random.Generator) -> RGB:
-    """Return a colour that stands out: of stripes, stickers, blade tips."""
-    return _saturated(rng) if rng.random() < 0.8 else _grey(200, 250, rng)
-
-
-def _colours(family: str, rng: np.random.Generator) -> dict[str, RGB | None]:
-    """Return the colours of hull, trim, propellers and tips."""
-    kind = rng.random()
-    if kind < 0.2:
-        hull = _grey(222, 250, rng)
-    elif kind < 0.4:
-        hull = _grey(120, 210, rng)
-    elif kind < 0.58:
-        hull = _grey(22, 110, rng)
-    else:
-        hull = _saturated(rng)
-    if rng.random() < 0.7:
-        trim = _grey(24, 80, rng)
-    elif rng.random() < 0.5:
-        trim = _saturated(rng)
-    else:
-        trim = _grey(150, 240, rng)
-
-    plain = rng.random() < (0.4 if family in ("racer", "ducted", "toy") else 0.78)
-    if plain and rng.random() < 0.75:
-        propeller = _grey(22, 100, rng)
-    elif plain:
-        propeller = _grey(150, 245, rng)
-    else:
-        propeller = _saturated(rng)
-    tip = accent(rng) if rng.random() < 0.3 else propeller
-    rear = None
-    if rng.random() < (0.25 if family in ("racer", "ducted", "toy", "plate") else 0.06):
-        rear = _saturated(rng) if rng.random() < 0.6 else _grey(22, 245, rng)
-    return {
-        "hull_rgb": hull,
-        "trim_rgb": trim,
-        "propeller_rgb": propeller,
-        "tip_rgb": tip,
-        "rear_propeller_rgb": rear,
-    }
-
-
 @lru_cache(maxsize=64)
 def quadrotor(number: int, seed: int = 0) -> Drone:
     """Return quadrotor `number`, which follows from (seed, number) alone.
@@ -275,7 +216,8 @@ def quadrotor(number: int, seed: int = 0) -> Drone:
     diameter = share * neighbour_distance(hubs)
     # a small drone has large motors for its size
     motor = rng.uniform(*family.motor) * wheelbase * (0.3 / wheelbase) ** 0.2
-    motor = min(motor, 0.2 * diameter)
+    # and no motor is much flatter than it is wide
+    motor = min(motor, 0.2 * diameter, 0.65 * (hubs[:, 2].min() + height / 2))
     blades = 2
     if rng.random() < family.three_blades:
         blades = 3 if rng.random() < 0.8 else 4
@@ -298,5 +240,5 @@ def quadrotor(number: int, seed: int = 0) -> Drone:
         number=number,
         family=name,
         draws=seed,
-        **_colours(name, np.random.default_rng([seed, number, COLOURS])),
+        **colours(name, np.random.default_rng([seed, number, COLOURS])),
     )

@@ -11,8 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from dronekeypp.sixdronesyn.contact_sheet import BACKGROUND, render
-from dronekeypp.sixdronesyn.quadrotors import quadrotor
-from dronekeypp.sixdronesyn.scenes import reach
+from dronekeypp.sixdronesyn.quadrotors import RINGED, quadrotor
 
 COLUMNS, ROWS = 8, 6
 VIEWS = ((38, 22), (218, 26))  # azimuth and elevation in degrees: front left, rear right
@@ -33,9 +32,10 @@ def quadrotors_sheet(path: str | Path, first: int = 0, cell: tuple[int, int] = (
         drone = quadrotor(first + place)
         left, top = cell_width * (place % COLUMNS), cell_height * (place // COLUMNS)
         azimuth, elevation = VIEWS[1 if place % 4 == 3 else 0]
-        # the drone's own outer edge, in a picture that is wider than it is high
-        outer = np.abs(drone.hubs[:, :2]).max() + 0.6 * drone.propeller_radius
-        half_height = min(outer, reach(drone)) * 1.2 * cell_height / cell_width
+        # the outer half of a blurred propeller may leave the cell, but not a duct
+        share = 1.2 if drone.family in RINGED else 0.6
+        outer = np.abs(drone.hubs[:, :2]).max() + share * drone.propeller_radius
+        half_height = 1.15 * outer * cell_height / cell_width
         picture = render(drone, azimuth, elevation, cell, half_height)
         extent = (left, left + cell_width, top + cell_height, top)
         axes.imshow(picture, extent=extent, interpolation="none")
