@@ -5,4 +5,4 @@ its geometry, `sixdronesyn` is the data set (Sec. IV), `model` is the network (S
 `evaluate` are its experiments (Sec. V).
 """
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
