@@ -13,7 +13,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-import pyvista as pv
 import torch
 from conftest import SMALL
 
@@ -235,7 +234,7 @@ def test_models_info_holds_the_hubs_in_millimetres(small_dataset):
 # --- validate names each fault ----------------------------------------------------------------------------
 
 
-def _edit(path, change):
+def edit(path, change):
     data = json.loads(path.read_text())
     change(data)
     path.write_text(json.dumps(data))
@@ -254,7 +253,7 @@ def _change(file, key, value):
                 entry = entry[0]
             entry[key] = value
 
-        _edit(root / FLIGHT / file, change)
+        edit(root / FLIGHT / file, change)
 
     return damage
 
@@ -272,15 +271,15 @@ def _info(key, value):
 
 
 def _manifest(change):
-    return lambda root: _edit(root / "manifest.json", change)
+    return lambda root: edit(root / "manifest.json", change)
 
 
 def _lose_truth(root):
-    _edit(root / FLIGHT / "scene_gt.json", lambda table: table.pop("30"))
+    edit(root / FLIGHT / "scene_gt.json", lambda table: table.pop("30"))
 
 
 def _lose_pose(root):
-    _edit(root / FLIGHT / "scene_gt.json", lambda table: table["30"][0].pop("cam_R_m2c"))
+    edit(root / FLIGHT / "scene_gt.json", lambda table: table["30"][0].pop("cam_R_m2c"))
 
 
 def _lose_camera_pose(root):
@@ -290,15 +289,15 @@ def _lose_camera_pose(root):
         for entry in table.values():
             entry.pop("cam_R_w2c")
 
-    _edit(root / FLIGHT / "scene_camera.json", change)
+    edit(root / FLIGHT / "scene_camera.json", change)
 
 
 def _double_truth(root):
-    _edit(root / FLIGHT / "scene_gt.json", lambda table: table["30"].append(table["30"][0]))
+    edit(root / FLIGHT / "scene_gt.json", lambda table: table["30"].append(table["30"][0]))
 
 
 def _null_camera(root):
-    _edit(root / FLIGHT / "scene_camera.json", lambda table: table.update({"30": None}))
+    edit(root / FLIGHT / "scene_camera.json", lambda table: table.update({"30": None}))
 
 
 def _huge_box(root):
@@ -308,7 +307,7 @@ def _huge_box(root):
         x, y, side = table["30"][0]["crop"]
         table["30"][0]["bbox_obj"] = [x + side / 2 - 2000, y + side / 2 - 2000, 4000, 4000]
 
-    _edit(root / FLIGHT / "scene_gt_info.json", change)
+    edit(root / FLIGHT / "scene_gt_info.json", change)
 
 
 def _list_instead_of_table(root):
@@ -343,7 +342,7 @@ def _renumber(root):
         table["37"] = table.pop("30")
 
     for name in (*bop.SCENE_FILES, "flight.json"):
-        _edit(root / FLIGHT / name, change)
+        edit(root / FLIGHT / name, change)
     bop.image_path(root / FLIGHT, 30).rename(bop.image_path(root / FLIGHT, 37))
 
 
@@ -365,7 +364,7 @@ def _move_hubs(root):
     def change(models):
         models["2"]["keypoints"][0][0] += 5
 
-    _edit(root / "models/models_info.json", change)
+    edit(root / "models/models_info.json", change)
 
 
 IDENTITY = [1, 0, 0, 0, 1, 0, 0, 0, 1]
@@ -574,109 +573,3 @@ def test_what_cannot_be_learned_from_is_not_read(damage, match, small_dataset, t
         data = open_dataset(root, "test")
         for i in range(len(data)):
             data.stored_image(i)
-
-
-# --- the second edition -----------------------------------------------------------------------------------
-
-
-def second(frames, size, **more):
-    """The settings that a flight of the second edition needs."""
-    return {"seed": 0, "edition": 2, "frames": frames, "size": size, **more}
-
-
-@pytest.mark.parametrize(("frames", "size"), [("crop", 48), ("crop", 512), ("full", None)])
-def test_scene_files_are_in_the_stored_images_pixels(frames, size, environments):
-    """A BOP reader projects the model with cam_K into the stored image; we read full-frame pixels back."""
-    subsequence = scenes.Subsequence(6, "Mav3", 1, edition=2)
-    flight = Flight(subsequence, second(frames, size), sorted(environments.iterdir()))
-    written = [flight.annotate(number) for number in range(0, 120, 10)]
-    rows = [(frame.number, *flight.entry(frame)) for frame in written]
-    width, height = flight.image_size
-    for _, camera_entry, truth, info in rows:
-        K = np.reshape(camera_entry["cam_K"], (3, 3))
-        R, t = np.reshape(truth["cam_R_m2c"], (3, 3)), np.array(truth["cam_t_m2c"])
-        hubs = np.reshape(truth["keypoints_body"], (4, 3))
-        pixels = camera.project(hubs @ R.T + t, K)
-        np.testing.assert_allclose(pixels, np.reshape(truth["keypoints_2d"], (4, 2)), atol=1e-3)
-        x, y, w, h = info["bbox_visib"]
-        assert x >= 0 and y >= 0 and x + w <= width and y + h <= height
-        assert (pixels > [x, y]).all() and (pixels < [x + w, y + h]).all()
-    read = bop.frames_from(Path("flight"), rows, size=(scenes.WIDTH, scenes.HEIGHT))
-    for old, new in zip(written, read, strict=True):
-        for name in ("K", "R", "t", "keypoints_2d", "keypoints_3d", "box", "hubs"):
-            np.testing.assert_allclose(getattr(new, name), getattr(old, name), atol=1e-3, err_msg=name)
-        assert frame_faults(new, flight.drone.hubs) == []
-        if frames == "crop":
-            np.testing.assert_allclose(new.square, old.square, atol=1e-3)
-
-
-def test_a_camera_matrix_of_another_crop_is_refused(environments):
-    flight = Flight(
-        scenes.Subsequence(6, "Tello", 0, edition=2), second("crop", 64), sorted(environments.iterdir())
-    )
-    camera_entry, truth, info = flight.entry(flight.annotate(0))
-    info["crop"] = [info["crop"][0] + 3, *info["crop"][1:]]
-    with pytest.raises(InputError, match="scene_camera.json frame 0: cam_K is not that of the crop"):
-        bop.frames_from(Path("flight"), [(0, camera_entry, truth, info)])
-    info["crop"] = None
-    with pytest.raises(InputError, match="scene_gt_info.json frame 0: the field crop is missing"):
-        bop.frames_from(Path("flight"), [(0, camera_entry, truth, info)])
-
-
-def test_hubs_of_a_frame_stand_in_for_those_of_the_models(environments):
-    """A random quadrotor's shape is in its frame: keypoints follow from it where models/ has none."""
-    flight = Flight(
-        scenes.Subsequence(6, "Tello", 0, edition=2), second("crop", 64), sorted(environments.iterdir())
-    )
-    frame = flight.annotate(0)
-    camera_entry, truth, info = flight.entry(frame)
-    del truth["keypoints_2d"], truth["keypoints_3d"]
-    (read,) = bop.frames_from(Path("flight"), [(0, camera_entry, truth, info)])
-    np.testing.assert_allclose(read.keypoints_3d, frame.keypoints_3d, atol=1e-6)
-    np.testing.assert_allclose(read.keypoints_2d, frame.keypoints_2d, atol=1e-3)
-
-
-@pytest.fixture(scope="module")
-def second_dataset(tmp_path_factory, environments):
-    """Crops of the second edition: one drone in one test scene. Read only: copy it before you break it."""
-    root = tmp_path_factory.mktemp("sixdronesyn") / "second"
-    few = SMALL | dict(scene_numbers=[6], drone_names=["Tello"], edition=2)
-    generate(root, environments=environments, **few)
-    return root
-
-
-def test_the_second_edition_is_sound(second_dataset):
-    assert validate(second_dataset) == []
-    data = open_dataset(second_dataset, "test", size=48)
-    assert len(data) == 12
-    hubs = DRONES["Tello"].hubs
-    for i in range(len(data)):
-        item = data[i]
-        pixels = camera.from_crop(item["keypoints"], item["square"])
-        again = camera.project(item["keypoints_3d"] + item["t"], item["K"])
-        np.testing.assert_allclose(pixels, again, atol=0.01)
-        np.testing.assert_allclose(item["keypoints_3d"], hubs @ item["R"].numpy().T, atol=1e-5)
-
-
-def test_a_flight_of_the_second_edition_that_is_missing_is_named(second_dataset, tmp_path):
-    shutil.copytree(second_dataset, tmp_path / "half")
-    shutil.rmtree(tmp_path / "half/test/060060")
-    with pytest.raises(InputError, match="2 of 3 test flights"):
-        open_dataset(tmp_path / "half", "test")
-
-
-def test_models_have_normals_and_a_simpler_copy(second_dataset):
-    """Normals point out of the body; the copy is the same body, and describes itself in the same words."""
-    mesh = pv.read(second_dataset / "models" / "obj_000007.ply")
-    simple = pv.read(second_dataset / "models_eval" / "obj_000007.ply")
-    assert mesh.point_data["RGB"].dtype == np.uint8 and "RGB" not in simple.point_data
-    assert simple.n_points < 0.6 * mesh.n_points
-    for body in (mesh, simple):
-        normals, corners = body.point_data["Normals"], body.points[body.regular_faces]
-        np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-4)
-        turned = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        agrees = np.einsum("fi,fi->f", turned, normals[body.regular_faces[:, 0]]) >= 0
-        assert agrees.mean() > 0.99
-    assert np.abs(np.array(mesh.bounds) - simple.bounds).max() < 1.0  # mm
-    texts = [(second_dataset / name / "models_info.json").read_text() for name in ("models", "models_eval")]
-    assert texts[0] == texts[1]

@@ -86,6 +86,8 @@ def generate(p: ArgumentParser) -> None:
     p.add_argument("--shard", type=shard, default=(0, 1), metavar="I/N", help="render only part I of N")
     p.add_argument("--quadrotors", type=interval, metavar="A:B", help=quadrotors)
     p.add_argument("--edition", type=int, metavar="N", help="of the data set: 1 (default) or 2")
+    p.add_argument("--depth", action="store_true", help="also write depth images (edition 2)")
+    p.add_argument("--masks", action="store_true", help="also write masks of the drone (edition 2)")
 
 
 def validate(p: ArgumentParser) -> None:

@@ -32,6 +32,8 @@ def _generate(args: Namespace) -> None:
         shard=args.shard,
         edition=args.edition,
         quadrotors=args.quadrotors,
+        depth=args.depth,
+        masks=args.masks,
     )
     frames = manifest["frames"]
     counts = ", ".join(f"{count} {split}" for split, count in frames.items())

@@ -43,6 +43,7 @@ from dronekeypp.sixdronesyn.annotation import MM, Frame
 from dronekeypp.sixdronesyn.instances import Instances, one_value
 
 SCENE_FILES = ("scene_camera.json", "scene_gt.json", "scene_gt_info.json")
+MODELS = "models"
 INVISIBLE = [-1, -1, -1, -1]  # BOP's bbox_obj of an object that is not in the picture
 
 
@@ -350,7 +351,7 @@ def read_models(root: str | Path) -> dict[int, DroneClass]:
         InputError: the file is not a table of objects, two of them have one name, or the keypoints of one are
             not the four hubs of a drone in millimetres.
     """
-    path = Path(root) / "models" / "models_info.json"
+    path = Path(root) / MODELS / "models_info.json"
     if not path.is_file():
         return {}
     models = {}

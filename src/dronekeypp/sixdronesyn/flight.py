@@ -1,7 +1,8 @@
 """This module makes one flight of 6DroneSyn: it annotates the frames, draws them and writes them to disk.
 
 A flight is rendered into ROOT/.partial and moved into its split when it is whole. Until then every finished
-frame is listed in .partial/ID/frames.jsonl; a restart keeps those frames and goes on.
+frame is listed in .partial/ID/frames.jsonl with the digests of its files; a restart keeps those frames and
+goes on.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ from scipy.spatial import ConvexHull
 
 from dronekeypp.camera import clamp_square, project, square_around
 from dronekeypp.files import digest
-from dronekeypp.sixdronesyn import bop, scenes
+from dronekeypp.sixdronesyn import bop, depth, frame_log, scenes
 from dronekeypp.sixdronesyn.drones import Drone
+from dronekeypp.sixdronesyn.frame_log import Finished
 from dronekeypp.sixdronesyn.meshes import drone_mesh
 from dronekeypp.sixdronesyn.panorama import Panorama, load_panorama
 from dronekeypp.sixdronesyn.render import (
@@ -102,7 +104,10 @@ class Flight:
         """Return what the three scene files say of a frame: (camera, truth, info)."""
         if self.subsequence.edition == 1:
             return frame.to_first_edition()
-        return frame.to_bop(*self.image_size)
+        camera, truth, info = frame.to_bop(*self.image_size)
+        if self.settings.get("depth"):
+            camera["depth_scale"] = depth.depth_scale(self.drone, frame)
+        return camera, truth, info
 
     @property
     def image_size(self) -> tuple[int, int]:
@@ -210,11 +215,19 @@ def _outline(drone: Drone) -> np.ndarray:
 
 
 def annotation_digest(entry: Any) -> str:
-    """Return the digest of anything JSON can hold.
-
-    An example is the (camera, truth, info) of `bop.Frame.to_bop`.
-    """
+    """Return the digest of anything JSON can hold."""
     return digest(json.dumps(entry, separators=(",", ":")).encode())
+
+
+def frame_digest(entry: tuple[dict, dict, dict]) -> str:
+    """Return the digest of a frame's (camera, truth, info).
+
+    What is counted in its masks does not belong to it: that follows from the renderer, the rest does not.
+    """
+    camera, truth, info = entry
+    if "px_count_all" in info:
+        info = {key: value for key, value in info.items() if key not in depth.counts(0, 0)}
+    return annotation_digest((camera, truth, info))
 
 
 def render_flight(
@@ -233,25 +246,25 @@ def render_flight(
         return 0
     flight = Flight(subsequence, settings, environments)
     partial = Path(root) / ".partial" / final.name
-    (partial / "rgb").mkdir(parents=True, exist_ok=True)
-    log = partial / "frames.jsonl"
-    done = _read_log(log, partial)
+    for path in (bop.image_path(partial, 0), *depth.paths(partial, 0, settings)):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    log = partial / frame_log.NAME
+    done = frame_log.read(partial, settings)
     annotated = {n: flight.annotate(n) for n in scenes.frame_numbers(subsequence, stride)}
     missing = [frame for number, frame in annotated.items() if number not in done]
     if missing:
         flight.open(missing)
         with log.open("a") as lines:
             for frame in missing:
-                picture = cv2.cvtColor(flight.picture(frame), cv2.COLOR_RGB2BGR)
-                data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes()
-                bop.image_path(partial, frame.number).write_bytes(data)
-                done[frame.number] = digest(data)
-                lines.write(json.dumps([frame.number, done[frame.number]]) + "\n")
+                done[frame.number] = _write_frame(flight, frame, partial)
+                lines.write(frame_log.line(frame.number, done[frame.number]))
                 lines.flush()
     entries, digests = {}, {}
     for number, frame in annotated.items():
         entries[number] = flight.entry(frame)
-        digests[str(number)] = [done[number], annotation_digest(entries[number])]
+        if done[number].pixels is not None:
+            entries[number][2].update(depth.counts(*done[number].pixels))
+        digests[str(number)] = [done[number].image, frame_digest(entries[number]), *done[number].others]
     about = {
         "scene": subsequence.scene,
         "motion": scenes.SCENES[subsequence.scene].motion,
@@ -270,21 +283,18 @@ def render_flight(
     return len(missing)
 
 
-def _read_log(log: Path, partial: Path) -> dict[int, str]:
-    """Return {frame: digest of its image} of the frames that a killed run had finished.
-
-    A frame whose line or whose image is torn is not among them, so it is rendered again.
-    """
-    done: dict[int, str] = {}
-    if not log.exists():
-        return done
-    text = log.read_text()
-    whole_lines = text[: text.rfind("\n") + 1]
-    if whole_lines != text:
-        log.write_text(whole_lines)
-    for line in whole_lines.splitlines():
-        number, image = json.loads(line)
-        path = bop.image_path(partial, number)
-        if path.exists() and digest(path.read_bytes()) == image:
-            done[number] = image
-    return done
+def _write_frame(flight: Flight, frame: bop.Frame, folder: Path) -> Finished:
+    """Draw a frame, and write all of its files."""
+    picture = cv2.cvtColor(flight.picture(frame), cv2.COLOR_RGB2BGR)
+    image = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes()
+    bop.image_path(folder, frame.number).write_bytes(image)
+    others = depth.paths(folder, frame.number, flight.settings)
+    if not others:
+        return Finished(digest(image))
+    distances, whole = depth.draw_depth(flight.drone, frame, *flight.image_size)
+    scale = depth.depth_scale(flight.drone, frame)
+    contents = depth.encode(distances, scale, flight.settings)
+    for path, content in zip(others, contents, strict=True):
+        path.write_bytes(content)
+    pixels = (int((distances > 0).sum()), whole) if flight.settings.get("masks") else None
+    return Finished(digest(image), tuple(digest(content) for content in contents), pixels)

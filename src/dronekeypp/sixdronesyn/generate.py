@@ -40,11 +40,13 @@ from dronekeypp.sixdronesyn.flight import Flight, annotation_digest, render_flig
 from dronekeypp.sixdronesyn.models import write_models
 from dronekeypp.sixdronesyn.own import VARIABLE
 from dronekeypp.sixdronesyn.render import check_opengl
+from dronekeypp.sixdronesyn.targets import write_targets
 
 __all__ = ["Flight", "annotation_digest", "finish", "generate", "totals"]
 
 KINDS = ("crop", "full")  # of frames
-BEFORE_THERE_WERE_TWO = {"edition": 1, "quadrotors": None}  # settings that older manifests lack
+# settings that older manifests lack
+BEFORE_THERE_WERE_TWO = {"edition": 1, "quadrotors": None, "depth": False, "masks": False}
 _DRAWING = ThreadPoolExecutor(1, "drawing")  # of a process that is called from threads
 
 
@@ -62,6 +64,8 @@ def generate(
     progress: bool = True,
     edition: int | None = None,
     quadrotors: tuple[int, int] | None = None,
+    depth: bool = False,
+    masks: bool = False,
 ) -> dict[str, Any]:
     """Generate 6DroneSyn, or a part of it, in `root` (paper Sec. IV).
 
@@ -84,6 +88,7 @@ def generate(
             a lens for every flight. None for 1, or for 2 with `quadrotors`.
         quadrotors: (A, B) flies the random quadrotors A, A + 1, …, B − 1 in place of the seven. Each flies in
             the scenes of its own split, see `quadrotors.split_of`.
+        depth, masks: also write depth images and masks (edition 2), see `depth`.
 
     Returns:
         the manifest, a dictionary (also written as manifest.json).
@@ -97,6 +102,8 @@ def generate(
         edition = EDITION if quadrotors is None else 2
     _check_arguments(scene_numbers, drone_names, frames, size, stride, seed, workers, shard, edition)
     _check_quadrotors(quadrotors, drone_names, edition)
+    if edition == 1 and (depth or masks):
+        raise InputError("depth images and masks belong to the second edition; add --edition 2")
     check_opengl()
     files = environment_files(environments, workers=workers, progress=progress)
     settings = {
@@ -107,6 +114,8 @@ def generate(
         "frames": frames,
         "size": size if frames == "crop" else None,
         "stride": stride,
+        "depth": depth,
+        "masks": masks,
         "environments": "procedural" if environments is None else Path(environments).resolve().name,
         "environment_digests": {Path(file).name: digest(Path(file).read_bytes()) for file in files},
     }
@@ -327,7 +336,7 @@ def _versions() -> dict[str, str]:
 
 
 def finish(root: str | Path) -> dict[str, Any]:
-    """Bring manifest.json, models/ and the COCO files up to what is on disk, and return the manifest.
+    """Bring manifest.json, models, targets and COCO files up to what is on disk, and return the manifest.
 
     Every shard does so at its end; the last one leaves them complete.
     """
@@ -353,7 +362,9 @@ def _finish(root: Path) -> dict[str, Any]:
     write_models(root, names, settings["edition"])
     for split in scenes.SPLITS:
         if manifest["frames"][split]:
-            write_json(root / f"coco_{split}.json", coco(root, split, manifest["settings"]["size"]))
+            write_json(root / f"coco_{split}.json", coco(root, split, settings))
+    if settings["edition"] != 1:
+        write_targets(root, flights, settings["edition"])
     write_json(root / "manifest.json", manifest)
     partial = root / ".partial"
     if partial.exists() and not any(partial.iterdir()):
@@ -366,18 +377,19 @@ def totals(planned: dict[str, int], flights: dict[str, dict[str, Any]]) -> dict[
 
     Args:
         planned: {flight: number of frames}.
-        flights: {flight: {"split": …, "digests": {frame: [image digest, annotation digest]}}}.
+        flights: {flight: {"split": …, "digests": {frame: [image, annotation, *others]}}}, where `others` are
+            those of the depth image and the masks.
 
     Returns:
-        `planned_frames`, `frames` of each split on disk, and two digests over all frames: `digest` of the
-        pictures, which may differ between renderers, and `annotation_digest`, which never does.
+        `planned_frames`, `frames` of each split on disk, and two digests over all frames: `digest` of what is
+        drawn, which may differ between renderers, and `annotation_digest`, which never does.
     """
     counts = dict.fromkeys(scenes.SPLITS, 0)
     images, annotations = [], []
     for name, flight in sorted(flights.items()):
         counts[flight["split"]] += len(flight["digests"])
-        for number, (image, annotation) in flight["digests"].items():
-            images.append([name, number, image])
+        for number, (image, annotation, *others) in flight["digests"].items():
+            images.append([name, number, image, *others])
             annotations.append([name, number, annotation])
     return {
         "planned_frames": sum(planned.values()),

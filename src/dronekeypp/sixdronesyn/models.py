@@ -23,7 +23,7 @@ from dronekeypp.sixdronesyn.drones import Drone, find_drone
 from dronekeypp.sixdronesyn.meshes import drone_mesh
 from dronekeypp.sixdronesyn.own import VARIABLE
 
-FOLDERS = ("models", "models_eval")
+FOLDERS = (bop.MODELS, "models_eval")
 EVAL_TRIANGLES = 4500  # about 2,300 points; the seven then change by 1 mm at most
 
 
@@ -119,7 +119,7 @@ def _write_first_edition(path: Path, mesh: pv.PolyData) -> None:
 def model_info(drone: Drone) -> dict[str, Any]:
     """Return a drone's entry of models_info.json.
 
-    It holds its names, BOP's sizes, and its hubs in body axes, all in millimetres.
+    It holds its names, BOP's sizes, its hubs in body axes and its propellers' diameter, all in millimetres.
     """
     points = np.asarray(drone_mesh(drone).body.points, dtype=np.float64) * MM
     low, size = points.min(0), np.ptp(points, axis=0)
@@ -134,4 +134,5 @@ def model_info(drone: Drone) -> dict[str, Any]:
     for axis, value in zip("xyz", size, strict=True):
         entry[f"size_{axis}"] = round(float(value), 2)
     entry["keypoints"] = [numbers(hub * MM) for hub in drone.hubs]
+    entry["propeller_diameter"] = round(drone.propeller_diameter * MM, 2)
     return entry

@@ -153,6 +153,31 @@ def _set_light(actor: vtk.vtkActor, light: Light) -> None:
     uniforms.SetUniformf("gloss", BODY_GLOSS)
 
 
+def pose_matrix(R: np.ndarray, t: np.ndarray) -> vtk.vtkMatrix4x4:
+    """Return a pose, (3, 3) and (3,) metres, as VTK takes it."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = R, t
+    matrix = vtk.vtkMatrix4x4()
+    matrix.DeepCopy(pose.ravel())
+    return matrix
+
+
+def aim(camera: vtk.vtkCamera, K: np.ndarray, square: Numbers, near: float, far: float) -> None:
+    """Let VTK's camera see what a camera `K` (3, 3) sees in a square (x, y, side) of its image.
+
+    It stands in the origin of the camera frame. `near` and `far` are the depths in metres between which
+    anything is drawn.
+    """
+    camera.SetPosition(0, 0, 0)
+    camera.SetFocalPoint(0, 0, 1)
+    camera.SetViewUp(0, -1, 0)
+    # One off-centre camera: its window centre counts half sides from the principal point.
+    x, y, half = float(square[0]), float(square[1]), float(square[2]) / 2
+    camera.SetViewAngle(2 * np.degrees(np.arctan(half / K[1, 1])))
+    camera.SetWindowCenter((x + half - K[0, 2]) / half, -(y + half - K[1, 2]) / half)
+    camera.SetClippingRange(near, far)
+
+
 class DroneRenderer:
     """A renderer draws one drone at a time.
 
@@ -191,9 +216,6 @@ class DroneRenderer:
         renderer.AddActor(self._body)
         renderer.AddActor(self._discs)
         self._camera = renderer.GetActiveCamera()
-        self._camera.SetPosition(0, 0, 0)
-        self._camera.SetFocalPoint(0, 0, 1)
-        self._camera.SetViewUp(0, -1, 0)
         self._pixels = vtk.vtkUnsignedCharArray()
 
     def show(self, drone: str | Drone) -> None:
@@ -239,22 +261,15 @@ class DroneRenderer:
         Returns:
             (resolution, resolution, 4) uint8, premultiplied RGBA. The next call writes over it.
         """
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = R, t
-        matrix = vtk.vtkMatrix4x4()
-        matrix.DeepCopy(pose.ravel())
+        matrix = pose_matrix(R, t)
         self._body.SetUserMatrix(matrix)
         self._discs.SetUserMatrix(matrix)
         _set_light(self._body, light)
         self._rgba[..., :3] = disc_colours(self._paint, self.mesh.hubs, R, t, light)[:, None]
         self._rgba[..., 3] = self.mesh.opacity(phases, blur)
         self._propellers.Modified()
-        # One off-centre camera: its window centre counts half sides from the principal point.
-        x, y, half = float(square[0]), float(square[1]), float(square[2]) / 2
-        self._camera.SetViewAngle(2 * np.degrees(np.arctan(half / K[1, 1])))
-        self._camera.SetWindowCenter((x + half - K[0, 2]) / half, -(y + half - K[1, 2]) / half)
         distance = float(t[2])
-        self._camera.SetClippingRange(max(0.05, distance - 1), distance + 1)
+        aim(self._camera, K, square, max(0.05, distance - 1), distance + 1)
         self._window.Render()
         last = self.resolution - 1
         self._window.GetRGBACharPixelData(0, 0, last, last, 0, self._pixels)

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
+from dronekeypp import files
 from dronekeypp.camera import project
 from dronekeypp.classes import DroneClass
 from dronekeypp.errors import InputError
-from dronekeypp.sixdronesyn import bop, scenes
+from dronekeypp.sixdronesyn import bop, depth, scenes, targets
 from dronekeypp.sixdronesyn.drones import DRONES, SEVEN
-from dronekeypp.sixdronesyn.flight import annotation_digest
+from dronekeypp.sixdronesyn.flight import frame_digest
 from dronekeypp.sixdronesyn.folders import edition_of, read_image, split_of
 from dronekeypp.sixdronesyn.generate import totals
+from dronekeypp.sixdronesyn.models import FOLDERS as MODEL_FOLDERS
 
 # What a frame of 6DroneSyn has in each of the three scene files. Any other BOP folder may lack some of it.
 FIELDS = (
@@ -56,6 +59,7 @@ def validate(root: str | Path, progress: bool = False) -> list[str]:
         check.flight(split, folder)
     check.splits()
     check.totals()
+    check.bop_scripts()
     check.coco()
     return check.faults
 
@@ -159,7 +163,7 @@ class _Validation:
         try:
             entries = bop.read_entries(folder)
             about = bop.read_json(folder / "flight.json")
-            digests = _read_digests(folder / "flight.json", about)
+            digests = _read_digests(folder / "flight.json", about, self._files_of_a_frame)
         except InputError as error:
             self.faults.append(str(error))
             return
@@ -178,16 +182,32 @@ class _Validation:
                 f"{folder / 'flight.json'}: its digests are not the manifest's; "
                 "run generate again to renew the manifest"
             )
-        expected = {bop.image_path(folder, number) for number in entries}
-        for path in sorted((folder / "rgb").glob("*")):
-            if path not in expected:
-                self.faults.append(f"{path}: an image without an annotation")
+        self._strangers(folder, entries)
         for number, (camera, truths, infos) in entries.items():
             if self._has_annotation(folder, number, camera, truths, infos):
-                image, annotation = digests.get(str(number), ("", ""))
+                nothing = [""] * (1 + self._files_of_a_frame)
+                image, annotation, *others = digests.get(str(number), nothing)
                 self._annotation(folder, number, (camera, truths[0], infos[0]), annotation)
                 self._image(bop.image_path(folder, number), image)
+                settings = self.manifest["settings"]
+                self.faults += depth.faults(folder, number, infos[0], others, settings)
                 self.images[image].append((split, bop.image_path(folder, number)))
+
+    @property
+    def _files_of_a_frame(self) -> int:
+        """Return how many image files each frame has: its picture, and what else was asked for."""
+        return 1 + len(depth.paths(self.root, 0, self.manifest["settings"]))
+
+    def _strangers(self, folder: Path, numbers: Iterable[int]) -> None:
+        """Check that no image of a flight belongs to a frame that is not there."""
+        expected = set()
+        for number in numbers:
+            expected.add(bop.image_path(folder, number))
+            expected.update(depth.paths(folder, number, self.manifest["settings"]))
+        for name in ("rgb", *depth.FOLDERS):
+            for path in sorted((folder / name).glob("*")):
+                if path not in expected:
+                    self.faults.append(f"{path}: an image without an annotation")
 
     def _has_annotation(
         self, folder: Path, number: int, camera: dict | None, truths: list[dict], infos: list[dict]
@@ -209,7 +229,7 @@ class _Validation:
 
         `entry` is the frame's (camera, truth, info).
         """
-        if annotation_digest(entry) != digest:
+        if frame_digest(entry) != digest:
             self.faults.append(
                 f"{folder} frame {number}: the annotation is not the one that was generated "
                 "(its digest differs)"
@@ -226,6 +246,12 @@ class _Validation:
             self.faults.append(str(error))
             return
         hubs = self.models[frame.obj_id].hubs if self.models else None
+        side, scale = self.manifest["settings"]["size"], entry[0]["cam_K"][0] / frame.K[0, 0]
+        if scale != 1 and abs(scale * frame.square[2] - side) > 0.01:
+            self.faults.append(
+                f"{folder / bop.SCENE_FILES[0]} frame {number}: cam_K is that of a crop of "
+                f"{scale * frame.square[2]:.2f} pixels, not {side}"
+            )
         for fault in frame_faults(frame, hubs):
             self.faults.append(f"{folder / bop.SCENE_FILES[1]} frame {number}: {fault}")
 
@@ -280,6 +306,21 @@ class _Validation:
                     "run generate again to renew it"
                 )
 
+    def bop_scripts(self) -> None:
+        """Check that the second edition has what BOP's own scripts read."""
+        if edition_of(self.manifest) == 1 or "flights" not in self.manifest:
+            return
+        mend = "run generate again, it writes what is missing"
+        for number in self.models:
+            for name in MODEL_FOLDERS:
+                path = self.root / name / f"obj_{number:06d}.ply"
+                if not path.is_file():
+                    self.faults.append(f"{path}: missing; delete {self.root / bop.MODELS} and {mend}")
+        expected = targets.targets(self.manifest["flights"], edition_of(self.manifest))
+        path = self.root / targets.NAME
+        if expected and (not path.is_file() or files.read_json(path) != expected):
+            self.faults.append(f"{path}: does not list the test pictures; {mend}")
+
     def coco(self) -> None:
         """Check that each COCO file lists as many images as the manifest counts."""
         for split, count in self.manifest.get("frames", {}).items():
@@ -298,8 +339,10 @@ class _Validation:
                 self.faults.append(f"{path}: lists {listed} images, the manifest {count}")
 
 
-def _read_digests(path: Path, about: Any) -> dict[str, list[str]]:
-    """Return {frame: [digest of its image, of its annotation]} of a flight.json.
+def _read_digests(path: Path, about: Any, files: int) -> dict[str, list[str]]:
+    """Return {frame: digests of its image, of its annotation, of its other images} of a flight.json.
+
+    `files` is how many images a frame has.
 
     Raises:
         InputError: the file has no digests.
@@ -307,6 +350,6 @@ def _read_digests(path: Path, about: Any) -> dict[str, list[str]]:
     digests = about.get("digests") if isinstance(about, dict) else None
     pairs = digests.values() if isinstance(digests, dict) else [None]
     for pair in pairs:
-        if not isinstance(pair, list) or len(pair) != 2:
+        if not isinstance(pair, list) or len(pair) != 1 + files:
             raise InputError(f"{path}: no digests; generate this flight again")
     return digests
