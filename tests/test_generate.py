@@ -201,7 +201,7 @@ def test_the_drawn_drone_fills_its_box(environments):
 
 def test_hub_visibility_from_above_and_below():
     """A camera straight above sees every hub; one far below the drone sees fewer."""
-    from dronekeypp.sixdronesyn.render import SelfOcclusion
+    from dronekeypp.sixdronesyn.occlusion import SelfOcclusion
 
     # camera←body with the camera above, the drone's z towards it
     look_down = np.array([[0.0, -1, 0], [-1, 0, 0], [0, 0, -1]])

@@ -158,7 +158,7 @@ CLAIMS = (
     Claim(
         where="Table 2",
         says="13 scenes, their motion and length",
-        code="sixdronesyn.scenes.subsequences",
+        code="sixdronesyn.plan.subsequences",
         test="test_scenes.py::test_table_2",
         notebook="01_dataset",
         section="1",

@@ -20,20 +20,13 @@ from scipy.spatial import ConvexHull
 from dronekeypp.camera import clamp_square, project, square_around
 from dronekeypp.files import digest
 from dronekeypp.sixdronesyn import bop, depth, frame_log, scenes
+from dronekeypp.sixdronesyn.compositing import directions, draw_crop, draw_frame, window_around
 from dronekeypp.sixdronesyn.drones import Drone
 from dronekeypp.sixdronesyn.frame_log import Finished
 from dronekeypp.sixdronesyn.meshes import drone_mesh
+from dronekeypp.sixdronesyn.occlusion import SelfOcclusion
 from dronekeypp.sixdronesyn.panorama import Panorama, load_panorama
-from dronekeypp.sixdronesyn.render import (
-    DroneRenderer,
-    Light,
-    SelfOcclusion,
-    View,
-    directions,
-    draw_crop,
-    draw_frame,
-    window_around,
-)
+from dronekeypp.sixdronesyn.render import DroneRenderer, Light, View
 
 # A stored crop is 1.5 times the box's longer side: room to jitter a training crop of 1.15 to 1.3.
 STORED_MARGIN = 1.5

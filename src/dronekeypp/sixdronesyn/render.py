@@ -1,21 +1,19 @@
-"""This module draws one drone as one camera sees it, over a panorama, off-screen with VTK.
+"""This module draws one drone alone, as one camera sees it, off-screen with VTK.
 
-Full frames and crops go through the same steps: the panorama is sampled at the frame's own pixels, and the
-drone is drawn finer and averaged. So a crop is the picture that the full frame would give there.
+`compositing` lays it over a panorama.
 """
 
 import os
 import subprocess
 import sys
-from typing import TypedDict, Unpack
+from typing import TypedDict
 
-import cv2
 import numpy as np
 import pyvista as pv
 import vtk
 from vtk.util.numpy_support import vtk_to_numpy
 
-from dronekeypp.camera import Numbers, crop_image
+from dronekeypp.camera import Numbers
 from dronekeypp.errors import InputError
 from dronekeypp.sixdronesyn.drones import Drone
 from dronekeypp.sixdronesyn.meshes import SPOKES, DroneMesh, drone_mesh
@@ -274,118 +272,3 @@ class DroneRenderer:
         last = self.resolution - 1
         self._window.GetRGBACharPixelData(0, 0, last, last, 0, self._pixels)
         return vtk_to_numpy(self._pixels).reshape(self.resolution, self.resolution, 4)[::-1]
-
-
-class SelfOcclusion:
-    """This class finds the propeller hubs that the drone's own body hides.
-
-    It casts rays in double precision, which gives the same answer on every machine, unlike a depth buffer.
-
-    Args:
-        drone: the drone, or its name.
-    """
-
-    def __init__(self, drone: str | Drone) -> None:
-        self.mesh = drone_mesh(drone)
-        self._locator = vtk.vtkStaticCellLocator()
-        self._locator.SetDataSet(self.mesh.body)
-        self._locator.BuildLocator()
-
-    def visible(self, hubs: np.ndarray, R: np.ndarray, t: np.ndarray) -> np.ndarray:
-        """Return whether nothing of the body lies between the camera and each hub, (4,) bool.
-
-        Args:
-            hubs: (4, 3) metres, body frame.
-            R, t: (3, 3) and (3,) metres, the pose in the camera frame.
-        """
-        camera = -R.T @ t  # in body axes
-        visible = []
-        for hub in hubs:
-            ray = camera - hub
-            start = hub + ray / np.linalg.norm(ray) * self.mesh.hub_clearance  # beyond its own motor's top
-            visible.append(not self._is_blocked(start, camera))
-        return np.array(visible)
-
-    def _is_blocked(self, start: np.ndarray, end: np.ndarray) -> bool:
-        """Return whether the line from `start` to `end` (3,) meets the body."""
-        # VTK writes where the line meets it to these four; nobody reads them
-        share, point, parametric, sub_id = vtk.reference(0.0), [0.0] * 3, [0.0] * 3, vtk.reference(0)
-        hit = self._locator.IntersectWithLine(start, end, 1e-9, share, point, parametric, sub_id)
-        return bool(hit)
-
-
-def composite(drone: np.ndarray, background: np.ndarray) -> np.ndarray:
-    """Lay a drone (H, W, 4), premultiplied RGBA, over a background (H, W, 3) RGB; all uint8."""
-    alpha = drone[..., 3:].astype(np.uint16)
-    return (drone[..., :3] + ((255 - alpha) * background + 127) // 255).clip(0, 255).astype(np.uint8)
-
-
-def directions(K: np.ndarray, camera_R: np.ndarray, x0: int, y0: int, x1: int, y1: int) -> np.ndarray:
-    """Return world directions (y1 − y0, x1 − x0, 3) of the full frame's pixel centres in a window, float32.
-
-    The window holds the columns x0 to x1 − 1 and the rows y0 to y1 − 1. `camera_R` (3, 3) is camera←world.
-    """
-    x, y = np.meshgrid(np.arange(x0, x1) + 0.5, np.arange(y0, y1) + 0.5)
-    v = np.stack([(x - K[0, 2]) / K[0, 0], (y - K[1, 2]) / K[1, 1], np.ones_like(x)], -1)
-    return (v @ camera_R).astype(np.float32)
-
-
-def window_around(square: np.ndarray, width: int, height: int) -> tuple[int, int, int]:
-    """Return the whole pixels (x, y, side) of a frame that hold `square` and one pixel around it.
-
-    The frame has `width` × `height` pixels. Interpolation at the edge of the square reads the pixels next to
-    it.
-    """
-    side = int(min(np.ceil(square[2]) + 3, width, height))
-    corner = np.floor(square[:2]).astype(int) - 1
-    return int(np.clip(corner[0], 0, width - side)), int(np.clip(corner[1], 0, height - side)), side
-
-
-def draw_crop(
-    renderer: DroneRenderer,
-    background: np.ndarray,
-    square: Numbers,
-    window: tuple[int, int, int],
-    size: int,
-    **view: Unpack[View],
-) -> np.ndarray:
-    """Draw the crop `square`, `size` pixels wide.
-
-    Args:
-        renderer: a `DroneRenderer`.
-        background: (side, side, 3) uint8, the panorama at the frame's own pixels in `window`.
-        square: (x, y, side) in full-frame pixels.
-        window: the whole pixels around it, from `window_around`.
-        size: side of the crop in pixels.
-        view: the other arguments of `DroneRenderer.draw`.
-
-    Returns:
-        (size, size, 3) uint8 RGB.
-    """
-    local = np.array([square[0] - window[0], square[1] - window[1], square[2]])
-    if square[2] >= size:
-        # The camera has more pixels than the crop: average.
-        drone = cv2.resize(renderer.draw(square=square, **view), (size, size), interpolation=cv2.INTER_AREA)
-        return composite(drone, crop_image(background, local, size))
-    # The camera has fewer: draw at the camera's own pixels and enlarge, as a cut from the full frame would.
-    side = window[2]
-    drone = cv2.resize(renderer.draw(square=window, **view), (side, side), interpolation=cv2.INTER_AREA)
-    return crop_image(composite(drone, background), local, size)
-
-
-def draw_frame(
-    renderer: DroneRenderer, background: np.ndarray, square: Numbers, **view: Unpack[View]
-) -> np.ndarray:
-    """Draw the full frame, (H, W, 3) uint8 RGB.
-
-    Args:
-        renderer: a `DroneRenderer`; its picture of the square is averaged down to the frame's pixels.
-        background: (H, W, 3) uint8, the panorama behind the whole frame. It is left as it is.
-        square: (x, y, side), the whole pixels that hold the drone.
-        view: the other arguments of `DroneRenderer.draw`.
-    """
-    x, y, side = int(square[0]), int(square[1]), int(square[2])
-    drone = cv2.resize(renderer.draw(square=square, **view), (side, side), interpolation=cv2.INTER_AREA)
-    picture = background.copy()
-    picture[y : y + side, x : x + side] = composite(drone, picture[y : y + side, x : x + side])
-    return picture
