@@ -104,6 +104,27 @@ def test_the_second_edition_is_sound(second_dataset):
         np.testing.assert_allclose(item["keypoints_3d"], hubs @ item["R"].numpy().T, atol=1e-5)
 
 
+def test_a_foreign_folder_of_crops_with_their_own_cameras(second_dataset, tmp_path):
+    """Without manifest, keypoints and hubs in models/, items are the same; camera.json says the size."""
+    root = tmp_path / "foreign"
+    shutil.copytree(second_dataset, root)
+    (root / "manifest.json").unlink()
+    (root / "camera.json").write_text('{"width": 1920, "height": 1080}')
+    edit(root / "models/models_info.json", lambda table: table["7"].pop("keypoints"))
+    for path in root.rglob("scene_gt.json"):
+        edit(path, drop_keypoints)
+    ours, theirs = open_dataset(second_dataset, "test", size=48), open_dataset(root, "test", size=48)
+    for i in (0, 5, 11):
+        for key in ("image", "K", "square", "keypoints", "keypoints_3d", "R", "t"):
+            np.testing.assert_allclose(theirs[i][key], ours[i][key], atol=1e-4, err_msg=key)
+
+
+def drop_keypoints(table):
+    """Leave nothing but the hubs in body axes."""
+    for (entry,) in table.values():
+        del entry["keypoints_2d"], entry["keypoints_3d"]
+
+
 def test_a_flight_of_the_second_edition_that_is_missing_is_named(second_dataset, tmp_path):
     shutil.copytree(second_dataset, tmp_path / "half")
     shutil.rmtree(tmp_path / "half/test/060060")

@@ -17,10 +17,14 @@ On disk, cam_t_m2c, keypoints_3d (both in camera axes) and the hubs of models_in
 everywhere in BOP; keypoints_2d and bbox_obj (x, y, width, height) are in pixels of the whole frame. Keypoints
 come in the order front-left, front-right, rear-right, rear-left, seen from above. Body axes are x forward,
 y left, z up. A file ROOT/camera.json with width and height says how large the frames are where the pictures
-do not. Stored crops need it; their square (x, y, side) is `crop` in scene_gt_info.json.
+do not. Stored crops need it; their square (x, y, side) is `crop` in scene_gt_info.json. Where
+scene_camera.json has `cam_K_frame`, the camera matrix of the full frame, `cam_K` is that of the crop, and
+keypoints_2d and bbox_obj are in pixels of the crop. They are handed out in pixels of the full frame all the
+same.
 
-Keypoints that are not annotated follow from the pose and the hubs. All frames of a flight lie in one folder,
-and what is measured over flights takes each folder for one flight.
+Keypoints that are not annotated follow from the pose and the hubs; those may also stand in each annotation,
+as keypoints_body. All frames of a flight lie in one folder, and what is measured over flights takes each
+folder for one flight.
 
 An item is a dictionary of tensors; KEYS says what each is. A data set of your own that is not a folder is a
 torch `Dataset` whose items hold these keys. If it has an attribute `drones`, a network trained on it knows

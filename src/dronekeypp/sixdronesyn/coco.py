@@ -49,7 +49,7 @@ def coco(root: str | Path, split: str, settings: dict[str, Any]) -> dict[str, An
     size = settings["size"]
     width, height = size or WIDTH, size or HEIGHT
     models = bop.read_models(root)
-    outlines = {number: _extreme_points(root, number, drone) for number, drone in models.items()}
+    outlines: dict[int, np.ndarray] = {}
     images, annotations = [], []
     for folder in bop.flight_folders(root, split):
         for frame in bop.read_flight(folder)[0]:
@@ -60,6 +60,8 @@ def coco(root: str | Path, split: str, settings: dict[str, Any]) -> dict[str, An
                 mask = cv2.imread(str(depth.paths(folder, frame.number, settings)[-1]), cv2.IMREAD_GRAYSCALE)
                 polygons, area = _traced(mask)
             else:
+                if frame.obj_id not in outlines:
+                    outlines[frame.obj_id] = _extreme_points(root, frame.obj_id, models[frame.obj_id])
                 points = project(outlines[frame.obj_id] @ frame.R.T + frame.t, frame.K)
                 polygons, area = _convex(_in_image(points, frame, size), width, height)
             note = _annotation(frame, identity, size, width, height)
