@@ -3,17 +3,13 @@
 It can be stopped at any frame and started again, see `flight`. Every random draw comes from (seed, scene,
 drone, background, frame), so neither the order nor the number of workers changes a pixel.
 
-manifest.json comes first, with the settings and the plan. When the flights are there, `finish` adds what is
-on disk. A data set numbers the seven drones 1 to 7. It numbers drones of your own (see `own`) from 8, in the
-order in which it met them. The manifest holds that order.
+The manifest comes first, with the settings and the plan. When the flights are there, `finish` adds what is on
+disk. See `manifest`.
 """
 
 from __future__ import annotations
 
-import json
 import os
-import platform
-import sys
 import threading
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -22,31 +18,21 @@ from typing import Any
 
 import cv2
 import joblib
-import numpy as np
-import pyvista as pv
-import vtk
-from filelock import FileLock
 from tqdm import tqdm
 
 from dronekeypp import __version__
 from dronekeypp.environments.cache import environment_files
 from dronekeypp.errors import InputError
-from dronekeypp.files import digest, write_json
-from dronekeypp.sixdronesyn import bop, scenes
-from dronekeypp.sixdronesyn import quadrotors as random_quadrotors
-from dronekeypp.sixdronesyn.coco import coco
-from dronekeypp.sixdronesyn.drones import EDITION, EDITIONS, SEVEN
+from dronekeypp.files import digest
+from dronekeypp.sixdronesyn import scenes
+from dronekeypp.sixdronesyn.drones import EDITION, EDITIONS
 from dronekeypp.sixdronesyn.flight import Flight, annotation_digest, render_flight
-from dronekeypp.sixdronesyn.models import write_models
-from dronekeypp.sixdronesyn.own import VARIABLE
+from dronekeypp.sixdronesyn.manifest import finish, lock, start_manifest
 from dronekeypp.sixdronesyn.render import check_opengl
-from dronekeypp.sixdronesyn.targets import write_targets
 
-__all__ = ["Flight", "annotation_digest", "finish", "generate", "totals"]
+__all__ = ["Flight", "annotation_digest", "finish", "generate"]
 
 KINDS = ("crop", "full")  # of frames
-# settings that older manifests lack
-BEFORE_THERE_WERE_TWO = {"edition": 1, "quadrotors": None, "depth": False, "masks": False}
 _DRAWING = ThreadPoolExecutor(1, "drawing")  # of a process that is called from threads
 
 
@@ -120,8 +106,8 @@ def generate(
         "environment_digests": {Path(file).name: digest(Path(file).read_bytes()) for file in files},
     }
     root.mkdir(parents=True, exist_ok=True)
-    with _lock(root):
-        plan = _start_manifest(root, settings, scene_numbers, drone_names)
+    with lock(root):
+        plan = start_manifest(root, settings, scene_numbers, drone_names)
     chosen = plan[shard[0] :: shard[1]]
     threads = 1 if workers > 1 else 2
     # A Dask worker may stand in another folder.
@@ -212,188 +198,3 @@ def _render(
     cv2.setNumThreads(threads)
     render_flight(root, subsequence, settings, environments, stride)
     return subsequence
-
-
-# --- the manifest -----------------------------------------------------------------------------------------
-
-
-def _lock(root: Path) -> FileLock:
-    """Return the lock of the files that describe the whole data set.
-
-    One process at a time reads, changes and writes them. Shards may run side by side.
-    """
-    return FileLock(root / ".lock")
-
-
-def _start_manifest(
-    root: Path,
-    settings: dict[str, Any],
-    scene_numbers: Sequence[int] | None,
-    drone_names: Sequence[str] | None,
-) -> list[scenes.Subsequence]:
-    """Write the plan before the first frame, and return it.
-
-    Raises:
-        InputError: the folder holds a data set with other settings, or something else.
-    """
-    path = root / "manifest.json"
-    old: dict[str, Any] = {"settings": {}, "versions": [], "planned": {}}
-    if path.exists():
-        old = bop.read_json(path)
-        if not isinstance(old, dict) or not {"settings", "versions", "planned"} <= old.keys():
-            raise InputError(f"{path}: not the manifest of a data set; choose another folder")
-        for key, value in settings.items():
-            _check_same(path, key, old["settings"].get(key, BEFORE_THERE_WERE_TWO.get(key)), value)
-    elif any(not item.name.startswith(".") for item in root.iterdir()):
-        raise InputError(
-            f"{root}: the folder is not empty and holds no manifest.json; choose an empty or new folder"
-        )
-    if settings["quadrotors"]:
-        plan = scenes.quadrotor_flights(range(*settings["quadrotors"]), scene_numbers)
-        if not plan:
-            raise InputError(
-                "no flight: of ten quadrotors 0 to 7 fly in training scenes, 8 in validation scenes and 9 in "
-                "test scenes; choose other numbers or scenes"
-            )
-    else:
-        edition = settings["edition"]
-        own = _own_drones(path, old["settings"].get("own_drones", {}), drone_names, edition)
-        if own:
-            settings = {**settings, "own_drones": own}
-        numbers = {name: len(SEVEN) + place for place, name in enumerate(own)}
-        plan = scenes.subsequences(scene_numbers, drone_names, numbers, edition)
-    planned = dict(old["planned"])
-    for subsequence in plan:
-        planned[f"{subsequence.id:06d}"] = len(scenes.frame_numbers(subsequence, settings["stride"]))
-    versions = list(old["versions"])  # a resumed data set may have been rendered by several
-    if _versions() not in versions:
-        versions.append(_versions())
-    manifest = {
-        "name": "6DroneSyn",
-        "settings": settings,
-        "versions": versions,
-        "planned": dict(sorted(planned.items())),
-    }
-    write_json(path, manifest, indent=1)
-    return plan
-
-
-def _check_same(path: Path, key: str, old: Any, new: Any) -> None:
-    """Raise InputError if a setting of the data set differs from the one asked for now."""
-    if old != new:
-        raise InputError(
-            f"{path}: this folder holds a data set with another {key} ({_short(old)}, now {_short(new)}); "
-            "choose another folder or repeat its settings"
-        )
-
-
-def _short(value: Any) -> str:
-    """Return a setting for a message: its JSON, or the digest of a long one."""
-    text = json.dumps(value)
-    return text if len(text) < 60 else f"digest {digest(text.encode())}"
-
-
-def _own_drones(
-    path: Path, old: dict[str, str], drone_names: Sequence[str] | None, edition: int
-) -> dict[str, str]:
-    """Return name and digest of each drone of your own in a data set, in the order of their numbers.
-
-    Those that it holds (`old`) keep their places; new ones come behind them.
-
-    Raises:
-        InputError: the data set holds another drone of that name, or would hold too many.
-    """
-    own = dict(old)
-    for drone in EDITIONS[edition].values():
-        if drone.digest is None:  # one of the seven
-            continue
-        if own.get(drone.name, drone.digest) != drone.digest:
-            raise InputError(
-                f"{path}: this folder was made with another drone {drone.name}: set {VARIABLE} to the folder "
-                "it was made with, or choose another folder"
-            )
-        if drone_names is None or drone.name in drone_names:
-            own[drone.name] = drone.digest
-    most = scenes.MOST_DRONES[edition]
-    if len(SEVEN) + len(own) > most:
-        raise InputError(
-            f"{len(own)} drones of your own: a data set holds {most - len(SEVEN)} beside the seven; "
-            "choose some with --drones"
-        )
-    return own
-
-
-def _versions() -> dict[str, str]:
-    """Return the versions of what the pictures may depend on."""
-    return {
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "opencv": cv2.__version__,
-        "pyvista": pv.__version__,
-        "vtk": vtk.vtkVersion.GetVTKVersion(),
-        "platform": sys.platform,
-    }
-
-
-def finish(root: str | Path) -> dict[str, Any]:
-    """Bring manifest.json, models, targets and COCO files up to what is on disk, and return the manifest.
-
-    Every shard does so at its end; the last one leaves them complete.
-    """
-    root = Path(root)
-    with _lock(root):
-        return _finish(root)
-
-
-def _finish(root: Path) -> dict[str, Any]:
-    """Do the work of `finish` while it holds the folder."""
-    manifest = bop.read_json(root / "manifest.json")
-    flights = {}
-    for split in scenes.SPLITS:
-        for folder in bop.flight_folders(root, split):
-            digests = bop.read_json(folder / "flight.json")["digests"]
-            flights[folder.name] = {"split": split, "digests": digests}
-    manifest.update(totals(manifest["planned"], flights))
-    manifest["flights"] = dict(sorted(flights.items()))
-    settings = {**BEFORE_THERE_WERE_TWO, **manifest["settings"]}
-    names = (*SEVEN, *settings.get("own_drones", {}))
-    if settings["quadrotors"]:
-        names = tuple(random_quadrotors.name_of(number) for number in range(*settings["quadrotors"]))
-    write_models(root, names, settings["edition"])
-    for split in scenes.SPLITS:
-        if manifest["frames"][split]:
-            write_json(root / f"coco_{split}.json", coco(root, split, settings))
-    if settings["edition"] != 1:
-        write_targets(root, flights, settings["edition"])
-    write_json(root / "manifest.json", manifest)
-    partial = root / ".partial"
-    if partial.exists() and not any(partial.iterdir()):
-        partial.rmdir()
-    return manifest
-
-
-def totals(planned: dict[str, int], flights: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    """Return what the manifest says of the whole data set.
-
-    Args:
-        planned: {flight: number of frames}.
-        flights: {flight: {"split": …, "digests": {frame: [image, annotation, *others]}}}, where `others` are
-            those of the depth image and the masks.
-
-    Returns:
-        `planned_frames`, `frames` of each split on disk, and two digests over all frames: `digest` of what is
-        drawn, which may differ between renderers, and `annotation_digest`, which never does.
-    """
-    counts = dict.fromkeys(scenes.SPLITS, 0)
-    images, annotations = [], []
-    for name, flight in sorted(flights.items()):
-        counts[flight["split"]] += len(flight["digests"])
-        for number, (image, annotation, *others) in flight["digests"].items():
-            images.append([name, number, image, *others])
-            annotations.append([name, number, annotation])
-    return {
-        "planned_frames": sum(planned.values()),
-        "frames": counts,
-        "digest": annotation_digest(images),
-        "annotation_digest": annotation_digest(annotations),
-    }

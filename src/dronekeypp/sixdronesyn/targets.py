@@ -15,7 +15,7 @@ def targets(flights: dict[str, dict[str, Any]], edition: int) -> list[dict[str, 
     """Return one target for each test picture, in the order of flights and frames.
 
     Args:
-        flights: as the manifest of the data set lists them, see `generate.totals`.
+        flights: as the manifest of the data set lists them, see `manifest.totals`.
         edition: of the data set.
     """
     found = []

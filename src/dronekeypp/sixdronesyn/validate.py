@@ -18,7 +18,7 @@ from dronekeypp.sixdronesyn import bop, depth, scenes, targets
 from dronekeypp.sixdronesyn.drones import DRONES, SEVEN
 from dronekeypp.sixdronesyn.flight import frame_digest
 from dronekeypp.sixdronesyn.folders import edition_of, read_image, split_of
-from dronekeypp.sixdronesyn.generate import totals
+from dronekeypp.sixdronesyn.manifest import totals
 from dronekeypp.sixdronesyn.models import FOLDERS as MODEL_FOLDERS
 
 # What a frame of 6DroneSyn has in each of the three scene files. Any other BOP folder may lack some of it.
