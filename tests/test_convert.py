@@ -288,7 +288,9 @@ def test_the_folder_lies_beside_the_data_set_and_can_be_a_copy(plain, tmp_path, 
 def test_coco_is_the_data_sets_own_with_names_from_the_folder(whole, tmp_path):
     out = convert(whole, "coco", tmp_path / "coco", progress=False)
     for split in scenes.SPLITS:
-        table, own = bop.read_json(out / f"{split}.json"), json.loads(json.dumps(coco(whole, split)))
+        table = bop.read_json(out / f"{split}.json")
+        settings = bop.read_json(whole / "manifest.json")["settings"]
+        own = json.loads(json.dumps(coco(whole, split, settings)))
         for image, original in zip(table["images"], own["images"], strict=True):
             assert (out / image["file_name"]).samefile(whole / original["file_name"])
             assert image | {"file_name": original["file_name"]} == original

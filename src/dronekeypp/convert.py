@@ -285,7 +285,7 @@ def _write_coco(partial: Path, root: Path, splits: dict[str, FrameDataset]) -> N
         for name, indices in _pictures(frames).items():
             old = frames.stored[indices[0]].image.relative_to(root).as_posix()
             new_name[old] = f"images/{split}/{name}"
-        table = coco(root, split)
+        table = coco(root, split, frames.manifest["settings"])
         for image in table["images"]:
             image["file_name"] = new_name[image["file_name"]]
         write_json(partial / f"{split}.json", table)
