@@ -48,7 +48,8 @@ class DepthRenderer:
 
     def __init__(self, drone: Drone, resolution: int) -> None:
         check_opengl()
-        self.resolution, self.reach = resolution, scenes.reach(drone)
+        self.resolution = resolution
+        self.reach = 1.1 * scenes.reach(drone)  # guards may stand out a little beyond the propellers
         mapper = vtk.vtkPolyDataMapper()
         mapper.SetInputData(drone_mesh(drone).body)
         mapper.ScalarVisibilityOff()
