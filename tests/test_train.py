@@ -21,6 +21,7 @@ from torch.utils.data import Subset, default_collate
 from dronekeypp import camera, presets, pretrain, train
 from dronekeypp.augment import mirrored
 from dronekeypp.checkpoint import network_class
+from dronekeypp.data import open_dataset
 from dronekeypp.errors import InputError
 from dronekeypp.model import DECODERS, TERMS, DroneKeyPP, ModelConfig, PoseNetwork, loss_terms, total_loss
 from dronekeypp.presets import TrainConfig
@@ -479,10 +480,23 @@ def test_pretraining_takes_several_data_sets(small_dataset, tmp_path):
     digest = json.loads((small_dataset / "manifest.json").read_text())["digest"]
     assert header["train_frames"] == "48"
     assert header["dataset_digest"] == f"{digest}+{digest}"
-    measures = {"val_keypoint_crop_px", "val_R_medae_deg"}
-    assert measures <= set(json.loads(header["validation"]))
+    assert header["drones"] == "Mini2, Tello"
+    measures = json.loads(header["validation"])
+    assert {"val_keypoint_crop_px", "val_R_medae_deg"} <= set(measures)
+    assert not [name for name in measures if "class" in name or "cls" in name]
     with pytest.raises(InputError, match="pretraining has its own losses and no schedule"):
         pretrain.pretrain([small_dataset], tmp_path / "c.safetensors", overrides={"schedule": "tanh"})
+
+
+def test_joined_sets_keep_their_drones_apart(small_dataset):
+    """The second part's class indices come behind those of the first, in items and in annotations."""
+    parts = [open_dataset(small_dataset, split, size=32) for split in ("train", "val")]
+    joined = pretrain.Joined(parts)
+    labels = joined.annotations()["label"].tolist()
+    drones = len(parts[0].drones)
+    assert labels == parts[0].labels + [drones + label for label in parts[1].labels]
+    assert [joined[i]["label"].item() for i in (0, len(parts[0]), -1)] == [labels[0], labels[24], labels[-1]]
+    assert joined.drones[labels[-1]] is parts[1].drones[parts[1].labels[-1]]
 
 
 def test_pretraining_writes_a_backbone_that_fits_and_resumes(tmp_path):
@@ -499,8 +513,8 @@ def test_pretraining_writes_a_backbone_that_fits_and_resumes(tmp_path):
         pretrain.pretrain_to(*sets, resumed, config, run)
     with pytest.raises(InputError, match="lr was 0.001 and is now 0.1"):
         pretrain.pretrain_to(*sets, resumed, config, run.replace(lr=0.1), resume=True)
-    command = "python -m dronekeypp pretrain …"
-    pretrain.pretrain_to(*sets, resumed, config, run, resume=True, command=command)
+    facts = {"command": "python -m dronekeypp pretrain …"}
+    pretrain.pretrain_to(*sets, resumed, config, run, resume=True, facts=facts)
     pretrain.pretrain_to(*sets, whole, config, run)
     assert same_tensors(resumed, whole)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.safetensors", "b.safetensors"]

@@ -7,14 +7,15 @@ its centre of mass as the answer (soft-argmax, Sun et al. 2018), learns in the f
 first learns with heatmaps and with a 6D rotation on pooled features. Then these heads are thrown away and the
 backbone is stored as float16.
 
-It is shown no class and none of the seven drones. So a drone that is later left out of a training is one that
-no part of the network has ever seen.
+It is shown no class, and random quadrotors are none of the seven drones. So a drone that is later left out of
+a training is one that no part of the network has ever seen. The file names the drones it was trained on.
 """
 
 from __future__ import annotations
 
 import json
 import math
+from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ from torch.utils.data import ConcatDataset, Dataset
 
 from dronekeypp import __version__, rotations
 from dronekeypp.camera import from_crop, rays
+from dronekeypp.classes import DroneClass
 from dronekeypp.data import FrameDataset, open_dataset
 from dronekeypp.errors import InputError
 from dronekeypp.files import command_line, write_beside
@@ -100,13 +102,24 @@ def soft_argmax(logits: Tensor) -> Tensor:
 class Joined(ConcatDataset):
     """This class joins several data sets into one, for `fit`.
 
-    `digest` joins the digests of the parts.
+    The classes of each part come behind those of the part before. `digest` joins the digests of the parts.
     """
 
     def __init__(self, datasets: Sequence[FrameDataset]) -> None:
         super().__init__(datasets)
-        self.drones, self.keys = datasets[0].drones, datasets[0].keys
+        self.keys = datasets[0].keys
         self.digest = "+".join(str(dataset.digest) for dataset in datasets)
+        self.drones: tuple[DroneClass, ...] = ()
+        self._first_class = []  # of each part
+        for dataset in datasets:
+            self._first_class.append(len(self.drones))
+            self.drones += dataset.drones
+
+    def __getitem__(self, index: int) -> dict[str, Tensor]:
+        index = range(len(self))[index]
+        part = bisect_right(self.cumulative_sizes, index)
+        item = super().__getitem__(index)
+        return {**item, "label": item["label"] + self._first_class[part]}
 
     def set_epoch(self, epoch: int) -> None:
         """Choose the augmentation of every part."""
@@ -115,7 +128,10 @@ class Joined(ConcatDataset):
 
     def annotations(self) -> dict[str, Tensor]:
         """Return the annotations of every part, one after the other."""
-        parts = [dataset.annotations() for dataset in self.datasets]
+        parts = []
+        for dataset, first_class in zip(self.datasets, self._first_class, strict=True):
+            part = dataset.annotations()
+            parts.append({**part, "label": part["label"] + first_class})
         return {name: torch.cat([part[name] for part in parts]) for name in parts[0]}
 
 
@@ -171,8 +187,9 @@ def pretrain(
         parts.append(part)
     train_set = parts[0] if len(parts) == 1 else Joined(parts)
     val_set = open_dataset(val_root or dataset_roots[0], "val", size=size)
-    command = command or command_line()
-    return pretrain_to(train_set, val_set, out_file, model_config, config, resume, progress, command)
+    seen = {part.drones[label].name for part in parts for label in set(part.labels)}
+    facts = {"command": command or command_line(), "drones": ", ".join(sorted(seen))}
+    return pretrain_to(train_set, val_set, out_file, model_config, config, resume, progress, facts)
 
 
 def pretrain_to(
@@ -183,12 +200,13 @@ def pretrain_to(
     config: TrainConfig,
     resume: bool = False,
     progress: bool = False,
-    command: str = "",
+    facts: dict[str, str] | None = None,
     on_epoch: Callable[[TrainState], None] | None = None,
 ) -> Path:
     """Do what `pretrain` does, for any two data sets that keep the frame contract.
 
-    The contract is that of `dronekeypp.data`.
+    The contract is that of `dronekeypp.data`. `facts` is written into the file beside what the training
+    itself knows.
     """
     out_file = Path(out_file)
     if out_file.exists():
@@ -214,11 +232,12 @@ def pretrain_to(
         if not math.isnan(value):
             last[name] = round(value, 4)
     metadata = {
-        "command": command,
+        **(facts or {}),
         "dronekeypp": __version__,
         "dataset_digest": str(data["digest"]),
         "train_frames": str(len(train_set)),
         "epochs": str(state.epoch),
+        "minutes": str(round(sum(row["seconds"] for row in state.history) / 60)),
         "seed": str(config.seed),
         "backbone_stride": str(model_config.backbone_stride),
         "image_size": str(model_config.image_size),
