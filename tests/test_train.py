@@ -471,6 +471,15 @@ def test_soft_argmax_finds_a_peak():
     torch.testing.assert_close(pretrain.soft_argmax(logits)[0], expected)
 
 
+def test_cell_weights_are_the_opposite_of_soft_argmax():
+    """The centre of mass of the weights is the keypoint, as far as the cell centres reach."""
+    keypoints = torch.tensor([[[0.3, 0.6], [0.5, 0.91], [0.0, 1.2]]])
+    weights = pretrain.cell_weights(keypoints, 6)
+    torch.testing.assert_close(weights.sum(dim=-1), torch.ones(1, 3))
+    reached = keypoints.clamp(1 / 12, 11 / 12)
+    torch.testing.assert_close(pretrain.soft_argmax(weights.log().unflatten(2, (6, 6))), reached)
+
+
 def test_pretraining_takes_several_data_sets(small_dataset, tmp_path):
     """The header of the backbone's file names all the data sets, and how well the backbone did."""
     sets, out = [small_dataset, small_dataset], tmp_path / "b.safetensors"

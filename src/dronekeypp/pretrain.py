@@ -3,9 +3,14 @@
 It is trained alone, with simple heads, on random quadrotors (`generate --quadrotors A:B`).
 
 A keypoint regressed from max-pooled tokens (Eq. 2) learns slowly from scratch. A heatmap per keypoint, with
-its centre of mass as the answer (soft-argmax, Sun et al. 2018), learns in the first epoch. So the backbone
-first learns with heatmaps and with a 6D rotation on pooled features. Then these heads are thrown away and the
-backbone is stored as float16.
+its centre of mass as the answer (soft-argmax, Sun et al. 2018), learns sooner. So the backbone first learns
+with heatmaps and with a 6D rotation on pooled features. Then these heads are thrown away and the backbone is
+stored as float16.
+
+Front and rear of a quadrotor look alike, so at first any hub may be any of four propellers. The mean of the
+four is then the best answer of a soft-argmax, and the middle of the drone teaches nothing. Therefore each
+heatmap is also trained as a distribution over the cells: it may hold four peaks, and finds the propellers
+before it knows which is which.
 
 It is shown no class, and random quadrotors are none of the seven drones. So a drone that is later left out of
 a training is one that no part of the network has ever seen. The file names the drones it was trained on.
@@ -43,8 +48,9 @@ from dronekeypp.train import TrainState, choose_device, describe_data, fit
 class PretrainNet(PoseNetwork):
     """This is the backbone with two heads that are thrown away after the pretraining.
 
-    It turns image (B, 3, S, S), K (B, 3, 3) and square (B, 3) into keypoints (B, 4, 2) in crop units and R
-    (B, 3, 3), camera←body. The rotation head says how the drone looks along the ray to the crop's centre.
+    It turns image (B, 3, S, S), K (B, 3, 3) and square (B, 3) into heatmaps (B, 4, s, s), keypoints (B, 4, 2)
+    in crop units and R (B, 3, 3), camera←body. The rotation head says how the drone looks along the ray to
+    the crop's centre.
     """
 
     method = "backbone"
@@ -65,23 +71,27 @@ class PretrainNet(PoseNetwork):
     def forward(self, image: Tensor, K: Tensor, square: Tensor) -> dict[str, Tensor]:
         """Return the answers of the two heads."""
         features = self.backbone(image)  # (B, C, s, s)
+        heatmaps = self.heatmaps(features)  # (B, 4, s, s)
         pooled = features.mean(dim=(2, 3))  # (B, C)
         seen = rotations.matrix_from_6d(self.to_rotation(pooled))  # (B, 3, 3) along the ray
         centre = from_crop(square.new_full((1, 2), 0.5), square)  # (B, 1, 2) pixels
         return {
-            "keypoints": soft_argmax(self.heatmaps(features)),
+            "heatmaps": heatmaps,
+            "keypoints": soft_argmax(heatmaps),
             "R": rotations.towards(rays(centre, K)[:, 0]) @ seen,
         }
 
     def losses(self, output: dict, batch: dict, keypoint_unit: float) -> dict[str, Tensor]:
         """Return the two terms, with weights that let them start near one another.
 
-        They are smooth L1 on keypoints in tenths of the crop (with the keypoint unit 10), and the MSE on R.
+        L_2D is the cross-entropy of the heatmaps and smooth L1 on keypoints in tenths of the crop (with the
+        keypoint unit 10), L_rot the MSE on R.
         """
-        return {
-            "L_2D": smooth_l1_loss(keypoint_unit * output["keypoints"], keypoint_unit * batch["keypoints"]),
-            "L_rot": mse_loss(output["R"], batch["R"]),
-        }
+        logits = output["heatmaps"].flatten(2).log_softmax(dim=-1)  # (B, 4, s * s)
+        target = cell_weights(batch["keypoints"], output["heatmaps"].shape[-1])
+        cross_entropy = -(target * logits).sum(dim=-1).mean()
+        distance = smooth_l1_loss(keypoint_unit * output["keypoints"], keypoint_unit * batch["keypoints"])
+        return {"L_2D": cross_entropy + distance, "L_rot": mse_loss(output["R"], batch["R"])}
 
 
 def soft_argmax(logits: Tensor) -> Tensor:
@@ -97,6 +107,25 @@ def soft_argmax(logits: Tensor) -> Tensor:
         (B, K, 2) as (x, y) in crop units.
     """
     return logits.flatten(2).softmax(dim=-1) @ cell_centres(logits.shape[-1]).to(logits)  # (B, K, M) @ (M, 2)
+
+
+def cell_weights(keypoints: Tensor, side: int) -> Tensor:
+    """Return keypoints as distributions over the cells of a heatmap: the opposite of `soft_argmax`.
+
+    Each of the four cells around a keypoint has its bilinear weight, so that the centre of mass is the
+    keypoint, or the nearest point within the outermost cell centres.
+
+    Args:
+        keypoints: (B, K, 2) as (x, y) in crop units.
+        side: s, the cells along a side, at least 2.
+
+    Returns:
+        (B, K, s * s), row by row.
+    """
+    centres = (torch.arange(side, device=keypoints.device) + 0.5).to(keypoints)
+    position = (keypoints * side).clamp(0.5, side - 0.5)
+    x, y = (1 - (position[..., None] - centres).abs()).clamp(min=0).unbind(dim=-2)  # (B, K, s) each
+    return (y[..., :, None] * x[..., None, :]).flatten(2)
 
 
 class Joined(ConcatDataset):
