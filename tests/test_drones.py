@@ -6,6 +6,7 @@ import sys
 import numpy as np
 import pytest
 import pyvista as pv
+from bodies import floating
 
 from dronekeypp.errors import InputError
 from dronekeypp.sixdronesyn import airframes, meshes, shapes
@@ -151,31 +152,7 @@ def test_body_has_the_published_size(drone: Drone) -> None:
 
 @each
 def test_no_part_floats(drone: Drone) -> None:
-    parts = airframes.parts(drone)
-    surfaces = [shapes.as_polydata(part.points, part.faces) for part in parts]
-
-    def touch(i: int, j: int) -> bool:
-        """Whether a point of one part lies inside the other, or within 0.2 mm of it."""
-        gap = np.maximum(
-            parts[i].points.min(axis=0) - parts[j].points.max(axis=0),
-            parts[j].points.min(axis=0) - parts[i].points.max(axis=0),
-        )
-        if gap.max() > 0.2:
-            return False
-        for a, b in ((i, j), (j, i)):
-            distance = surfaces[a].compute_implicit_distance(surfaces[b])["implicit_distance"]
-            if distance.min() < 0.2:
-                return True
-        return False
-
-    reached, todo = {0}, [0]  # part 0 is the hull
-    while todo:
-        i = todo.pop()
-        for j in set(range(len(parts))) - reached:
-            if touch(i, j):
-                reached.add(j)
-                todo.append(j)
-    assert len(reached) == len(parts)
+    assert floating(airframes.parts(drone), gap=0.2) == []
 
 
 @each

@@ -5,12 +5,23 @@ from functools import cache
 
 import numpy as np
 import pytest
+from bodies import floating, is_closed
 
 from dronekeypp.errors import InputError
-from dronekeypp.sixdronesyn import meshes, quadrotor_bodies, quadrotors, shapes
+from dronekeypp.sixdronesyn import (
+    meshes,
+    quadrotor_bodies,
+    quadrotor_enterprise,
+    quadrotor_extras,
+    quadrotor_frames,
+    quadrotor_hulls,
+    quadrotor_small,
+    quadrotors,
+    shapes,
+)
 from dronekeypp.sixdronesyn.drones import DRONES, find_drone
 from dronekeypp.sixdronesyn.meshes import DroneMesh
-from dronekeypp.sixdronesyn.quadrotor_plan import GAP, plan_of, plate, ring, rounded
+from dronekeypp.sixdronesyn.quadrotor_plan import DESIGN, GAP, plan_of, scaled, tube
 from dronekeypp.sixdronesyn.quadrotors import FAMILIES, WHEELBASE, quadrotor
 from dronekeypp.sixdronesyn.scenes import reach
 
@@ -18,6 +29,9 @@ MANY = [quadrotor(number) for number in range(200)]
 # two of each family
 BUILT = [number for name in FAMILIES for number in [d.number for d in MANY if d.family == name][:2]]
 each = pytest.mark.parametrize("number", BUILT)
+# more of each family, and those that once had parts in the air, parts left out, or no front
+ONCE_WRONG = [3, 6, 13, 17, 46, 49, 63, 75, 84, 93, 101, 114, 120, 169, 190, 196, 208, 250, 259, 432]
+WATCHED = sorted({*BUILT, *range(10), *ONCE_WRONG})
 
 
 @cache
@@ -41,7 +55,7 @@ def test_names() -> None:
         quadrotor(-1)
 
 
-def test_splits_never_overlap() -> None:
+def test_eight_of_ten_numbers_train_one_validates_one_tests() -> None:
     splits = [quadrotors.split_of(number) for number in range(100)]
     assert (splits.count("train"), splits.count("val"), splits.count("test")) == (80, 10, 10)
 
@@ -56,6 +70,7 @@ def test_a_quadrotor_follows_from_seed_and_number() -> None:
         again.wheelbase == drone.wheelbase and again.mass == drone.mass and again.hull_rgb == drone.hull_rgb
     )
     assert other != drone and other.wheelbase != drone.wheelbase
+    assert replace(drone, body_seed=1) != drone and drone.digest is other.digest is None
     assert len({one.wheelbase for one in MANY}) == len(MANY)
 
 
@@ -127,32 +142,71 @@ def test_colours() -> None:
 
 
 @each
-def test_every_part_is_closed_and_looks_outward(number: int) -> None:
+def test_every_part_looks_outward(number: int) -> None:
     for part in parts(number):
         corners = part.points[part.faces]
         area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        # a surface with a hole has a sum of its own; painting cuts triangles, but opens nothing
-        assert np.abs(area.sum(axis=0)).max() < 1e-5 * np.abs(area).sum()
         middle = corners - part.points.mean(axis=0)
         assert np.einsum("ij,ij->", middle[:, 0], np.cross(middle[:, 1], middle[:, 2])) > 0
         facing = np.einsum("ij,ij->i", area, part.normals[part.faces[:, 0]]) > 0
         assert (np.linalg.norm(area, axis=1) * facing).sum() > 0.98 * np.linalg.norm(area, axis=1).sum()
 
 
-@pytest.mark.parametrize(
-    "part",
-    [
-        ring((1, 2, 3), [(9, 0), (11, 0), (11, 5), (9, 4)], (1, 2, 3)),
-        plate(rounded((-20, 30), 12, 4, waist=0.8), (1, 3), (1, 2, 3)),
-    ],
-    ids=["ring", "plate"],
-)
-def test_two_faces_share_every_edge(part: shapes.Part) -> None:
-    _, corner = np.unique(np.round(part.points, 6), axis=0, return_inverse=True)
-    faces = corner.ravel()[part.faces]
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    assert len(np.unique(edges, axis=0)) == len(edges)
-    assert {tuple(edge) for edge in edges} == {(b, a) for a, b in edges}
+@each
+def test_two_faces_share_every_edge(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Painting cuts triangles, so that neighbours no longer share whole edges: this is before it."""
+    for module in (
+        quadrotor_enterprise,
+        quadrotor_extras,
+        quadrotor_frames,
+        quadrotor_hulls,
+        quadrotor_small,
+    ):
+        monkeypatch.setattr(module, "painted", lambda part, *arguments, **bounds: part)
+    assert all(is_closed(part) for part in quadrotor_bodies.parts(quadrotor(number)))
+
+
+def test_an_open_tube_is_not_closed() -> None:
+    closed = tube((0, 0, 0), (9, 0, 0), 2.0, (1, 2, 3))
+    assert is_closed(closed)
+    ends = (closed.points[closed.faces][:, :, 0] < 0).all(axis=1)
+    ends |= (closed.points[closed.faces][:, :, 0] > 9).all(axis=1)
+    assert not is_closed(replace(closed, faces=closed.faces[~ends]))
+
+
+@pytest.mark.parametrize("number", WATCHED)
+def test_no_part_floats(number: int) -> None:
+    design = quadrotor(number).wheelbase * 1000 / DESIGN  # what a design millimetre is in millimetres
+    assert floating(parts(number), gap=0.5 * design) == []
+
+
+@pytest.mark.parametrize("number", WATCHED)
+def test_every_part_clears_the_discs(number: int) -> None:
+    plan = plan_of(quadrotor(number))
+    assert all(plan.clears(scaled(part, 1 / plan.scale)) for part in parts(number))
+
+
+def test_hardly_anything_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A rod finds a free direction, and few receivers find no room beside the discs."""
+    asked, built = 0, 0
+
+    def counted(builder):
+        def build(plan, *arguments):
+            nonlocal asked, built
+            result = builder(plan, *arguments)
+            asked += 1
+            built += len(plan.whole(result)) > 0
+            return result
+
+        return build
+
+    for module in (quadrotor_enterprise, quadrotor_frames, quadrotor_hulls, quadrotor_small):
+        for name in ("rod", "dome"):
+            if hasattr(module, name):
+                monkeypatch.setattr(module, name, counted(getattr(module, name)))
+    for number in range(120):
+        quadrotor_bodies.parts(quadrotor(number))
+    assert asked > 50 and asked - built <= 2
 
 
 @each
@@ -187,15 +241,19 @@ def test_a_hub_is_seen_from_above_and_hidden_from_below(number: int) -> None:
             assert (len(mesh.body.ray_trace(start, end)[0]) > 0) == hidden
 
 
-@each
+@pytest.mark.parametrize("number", WATCHED)
 def test_front_and_rear_differ(number: int) -> None:
     """Turned by half a turn about the vertical axis, a body does not look the same."""
     merged = shapes.merge(parts(number))
     body, colour = np.asarray(merged.points, float), np.asarray(merged["rgb"], float)
     front, rear = body[:, 0] > 0, body[:, 0] < 0
-    shape = abs(np.abs(body[front, 0]).max() - np.abs(body[rear, 0]).max()) / quadrotor(number).wheelbase
+    turned = merged.copy()
+    turned.points *= np.array([-1, -1, 1], np.float32)
+    beyond = merged.compute_implicit_distance(turned)[
+        "implicit_distance"
+    ].max()  # what only one of them fills
     colours = np.abs(colour[front].mean(axis=0) - colour[rear].mean(axis=0)).max()
-    assert shape > 0.01 or colours > 4
+    assert beyond > 0.015 * quadrotor(number).wheelbase or colours > 4
 
 
 def test_a_body_is_the_same_when_it_is_built_again() -> None:

@@ -17,7 +17,8 @@ KEYPOINT_NAMES = ("front-left", "front-right", "rear-right", "rear-left")
 class Drone:
     """A drone has a name, sizes, a mass, colours and four propeller hubs.
 
-    Two drones are equal when name, edition and digest are: a copy in another process is the same drone.
+    Two drones are equal when name, edition, digest and body seed are: a copy in another process is the same
+    drone.
 
     Attributes:
         name: its key in `DRONES`, or that of a random quadrotor, such as "Quad17".
@@ -36,13 +37,13 @@ class Drone:
             edge (see Air2).
         mesh: the mesh file of a drone of your own (see own.py); None for the seven.
         mesh_scale: metres per unit of that mesh.
-        digest: what tells that mesh and its numbers from others; None for the seven.
+        digest: what tells that mesh and its numbers from others; None where there is no mesh file.
         blades: how many blades a propeller has, 2 to 4.
         blade_width: the width of the blades as a multiple of the usual one.
         rear_propeller_rgb: the colour of the rear propellers where it differs from that of the front ones.
         number: of a random quadrotor, see quadrotors.py; None for any other drone.
         family: the family of bodies that a random quadrotor is built as; None for any other drone.
-        draws: the seed that the body of a random quadrotor is drawn from.
+        body_seed: the seed that the body of a random quadrotor is drawn from; 0 for any other drone.
         edition: 1 for a shape that only the first edition of the data set has.
     """
 
@@ -70,7 +71,7 @@ class Drone:
     rear_propeller_rgb: tuple[int, int, int] | None = None
     number: int | None = None
     family: str | None = None
-    draws: int = 0
+    body_seed: int = 0
     edition: int = 2
 
     def __eq__(self, other: object) -> bool:
@@ -80,8 +81,8 @@ class Drone:
         return hash(self._key)
 
     @property
-    def _key(self) -> tuple[str, int, str | None]:
-        return self.name, self.edition, self.digest
+    def _key(self) -> tuple[str, int, str | None, int]:
+        return self.name, self.edition, self.digest, self.body_seed
 
     @property
     def seed(self) -> int:

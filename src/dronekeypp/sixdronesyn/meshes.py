@@ -87,8 +87,6 @@ class DroneMesh:
         colour = np.tile(np.asarray(self.drone.propeller_rgb, np.uint8), (4, SPOKES, rings, 1))
         if self.drone.rear_propeller_rgb is not None:
             colour[2:] = self.drone.rear_propeller_rgb
-        if self.drone.rear_propeller_rgb is not None:
-            colour[2:] = self.drone.rear_propeller_rgb
         if self.drone.rear_propeller_rgb is None or self.drone.tip_rgb != self.drone.propeller_rgb:
             colour[:, :, -2:] = self.drone.tip_rgb
         opacity = np.zeros((4, SPOKES, rings, 1), np.uint8)  # `propellers` fills it in

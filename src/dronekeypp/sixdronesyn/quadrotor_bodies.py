@@ -23,8 +23,4 @@ def parts(drone: Drone) -> list[Part]:
     """Return all opaque parts of a random quadrotor, left and right."""
     plan = plan_of(drone)
     middle, left = _BUILDERS[drone.family](plan)
-    kept = []
-    for part in middle + left + [mirrored(part) for part in left]:
-        if plan.clears(part):
-            kept.append(scaled(part, plan.scale))
-    return kept
+    return [scaled(part, plan.scale) for part in middle + left + [mirrored(part) for part in left]]

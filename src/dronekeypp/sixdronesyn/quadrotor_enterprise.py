@@ -11,18 +11,19 @@ from dronekeypp.sixdronesyn.quadrotor_extras import (
     CARBON,
     box,
     dome,
-    fixed_camera,
     gimbal_camera,
     landing_loop,
     landing_skid,
     lights,
     motors,
+    nose_camera,
     rod,
+    skin,
     sticker,
 )
 from dronekeypp.sixdronesyn.quadrotor_hulls import fuselage
-from dronekeypp.sixdronesyn.quadrotor_plan import Plan, Sides, tube
-from dronekeypp.sixdronesyn.shapes import beam, block, painted
+from dronekeypp.sixdronesyn.quadrotor_plan import DESIGN, Plan, Sides, tube
+from dronekeypp.sixdronesyn.shapes import beam, block, on_surface, painted
 
 
 def enterprise(plan: Plan) -> Sides:
@@ -44,8 +45,9 @@ def enterprise(plan: Plan) -> Sides:
         body = sticker(plan, body, x, half, (bottom + 0.5 * high, top + 9))
     middle = [body]
     size = plan.draw(0.4, 0.62) * half
-    middle += gimbal_camera(plan, plan.draw(0.6, 1.0) * x[1], bottom + 0.2 * high, plan.ground + 6, size)
-    middle += fixed_camera(plan, (x[1] - 1, 0, bottom + 0.6 * high), 0.2 * half, 0.0, BLACK)
+    at = plan.draw(0.6, 1.0) * x[1]
+    middle += gimbal_camera(plan, at, bottom + 0.2 * high, plan.ground + 6, size, body)
+    middle += nose_camera(plan, body, bottom + 0.6 * high, 0.2 * half, 0.0, BLACK)
     case = plan.pick(dark, shade(rgb, 0.8), plan.grey(40, 80))
     left = []
     if plan.chance(0.7):  # two batteries let into the back
@@ -54,29 +56,23 @@ def enterprise(plan: Plan) -> Sides:
     if plan.chance(0.5):  # a case below the belly
         deep = min(plan.draw(8, 22), 0.5 * (bottom - plan.ground) - 3)
         if deep > 4:
-            middle += box(
-                plan, (0.3 * x[0], 0, bottom - deep + 3), (plan.draw(20, 38), 0.7 * half, deep), case
-            )
+            at = (0.3 * x[0], 0, skin(body, 0.3 * x[0], up=-1.0) - deep + 3)
+            middle += box(plan, at, (plan.draw(20, 38), 0.7 * half, deep), case)
     # what stands on the roof stays within the room that the discs leave
-    spot = (0.45 * x[0], 0.45 * x[0])
-    room = min(plan.free_half((spot[0] - 12, spot[0] + 12)), 0.8 * half)
+    spot = 0.45 * x[0]
+    room = min(plan.free_half((spot - 12, spot + 12)), 0.8 * half)
     kind = plan.rng.random()
     if kind < 0.35 and room > 12:
-        middle += dome(
-            plan,
-            (spot[0], 0, top - 4),
-            min(room, plan.draw(12, 20)),
-            plan.draw(0, 45),
-            plan.pick(rgb, dark, plan.grey(220, 250)),
-        )
+        radius, mast = min(room, plan.draw(12, 20)), plan.draw(0, 45)
+        colour = plan.pick(rgb, dark, plan.grey(220, 250))
+        middle += plan.whole(dome(plan, (spot, 0, skin(body, spot) - 2), radius, mast, colour))
     elif kind < 0.6 and room > 16:
-        left += dome(
-            plan, (spot[0], 0.55 * room, top - 6), 0.4 * room, plan.draw(10, 40), plan.pick(rgb, dark)
-        )
+        at = (spot, 0.55 * room, skin(body, spot, 0.55 * room) - 2)
+        left += plan.whole(dome(plan, at, 0.4 * room, plan.draw(10, 40), plan.pick(rgb, dark)))
     if free > 8 and plan.chance(0.3):
-        middle += box(
-            plan, (0.25 * x[1], 0, top + 3), (plan.draw(8, 16), 0.6 * min(free, half), plan.draw(5, 9)), case
-        )
+        size = (plan.draw(8, 16), 0.6 * min(free, half), plan.draw(5, 9))
+        roof = min(skin(body, 0.25 * x[1] - size[0]), skin(body, 0.25 * x[1] + size[0]))
+        middle += plan.whole(box(plan, (0.25 * x[1], 0, roof + 3), size, case))
     drop = plan.motor * plan.draw(1.2, 1.7)
     radius = plan.draw(0.018, 0.028) * 300
     front_rgb = plan.pick(CARBON, dark, rgb)
@@ -112,7 +108,8 @@ def enterprise(plan: Plan) -> Sides:
     if plan.chance(0.4):
         for hub in (plan.front, plan.rear):
             foot = hub - (np.sign(hub[0]) * 0.2 * plan.motor, 0.6 * plan.motor, drop + 0.6 * radius)
-            left += rod(foot, (0, 0.1, -1), plan.draw(20, 36), 2.2, BLACK)
+            left += rod(plan, foot, (0, 0.1, -1), plan.draw(20, 36), 2.2, BLACK)
     if plan.chance(0.3):
-        left.append(block((x[0] - 0.5, 0.5 * half, bottom + 0.5 * high), (1.5, 4, 2), GREEN, around=8))
+        at, _ = on_surface(body, (DESIGN, 0.5 * half, bottom + 0.5 * high), (-1, 0, 0))
+        left.append(block(at, (1.5, 4, 2), GREEN, around=8))
     return middle, left

@@ -18,11 +18,18 @@ from dronekeypp.sixdronesyn.fittings import (
     motor,
     shade,
 )
-from dronekeypp.sixdronesyn.quadrotor_plan import Plan, Point, facing, plate, ring, rounded, tube
-from dronekeypp.sixdronesyn.shapes import RGB, Part, beam, block, lathe, moved, painted
+from dronekeypp.sixdronesyn.quadrotor_plan import DESIGN, Plan, Point, facing, plate, ring, rounded, tube
+from dronekeypp.sixdronesyn.shapes import RGB, Part, beam, block, lathe, moved, on_surface, painted
 
 CARBON = (34, 35, 38)
 LIGHTS = (RED, GREEN, WHITE, (40, 120, 255), (255, 160, 30))
+
+
+def skin(body: Part, x: float, y: float = 0.0, up: float = 1.0) -> float:
+    """Return z of the top of a hull over (x, y), or of its belly if `up` is -1; x is kept within the hull."""
+    ends = body.points[:, 0]
+    inside = np.clip(x, ends.min() + 2, ends.max() - 2)
+    return float(on_surface(body, (inside, y, -up * DESIGN), (0, 0, up))[0][2])
 
 
 def motors(plan: Plan, height: float, base: RGB) -> list[Part]:
@@ -46,10 +53,12 @@ def lights(plan: Plan, drop: float) -> list[Part]:
     return parts
 
 
-def gimbal_camera(plan: Plan, x: float, top: float, bottom: float, size: float) -> list[Part]:
+def gimbal_camera(
+    plan: Plan, x: float, top: float, bottom: float, size: float, body: Part | None = None
+) -> list[Part]:
     """Build a camera on a gimbal that hangs at `x`, its stem up to `top`, and not below `bottom`.
 
-    `size` is the camera's half width.
+    `size` is the camera's half width. If it hangs from a hull, `body`, the stem ends within that.
     """
     tall = plan.draw(0.75, 1.25)
     half = (plan.draw(0.7, 1.0) * size, size, tall * size)
@@ -60,9 +69,12 @@ def gimbal_camera(plan: Plan, x: float, top: float, bottom: float, size: float) 
         lenses = [(0.0, 0.48 * half[2], plan.draw(0.75, 1.0) * r), (0.0, -0.45 * half[2], r)]
     elif plan.chance(0.15):
         lenses = [(0.45 * size, 0.0, 0.36 * size), (-0.45 * size, 0.0, 0.36 * size)]
-    body = plan.pick(plan.grey(30, 70), plan.grey(90, 150), plan.hull, WHITE)
+    case = plan.pick(plan.grey(30, 70), plan.grey(90, 150), plan.hull, WHITE)
     yoke = plan.pick(plan.grey(30, 80), shade(plan.hull, 0.8), plan.grey(120, 190))
-    return gimbal((x, 0, z), half, max(top, z + 1), body, yoke, lenses, hood=plan.chance(0.15))
+    top = max(top, z + 1)
+    if body is not None:
+        top = max(top, skin(body, x - 1.9 * half[0], up=-1.0) + 2)
+    return gimbal((x, 0, z), half, top, case, yoke, lenses, hood=plan.chance(0.15))
 
 
 def fixed_camera(plan: Plan, at: Point, size: float, up: float, rgb: RGB) -> list[Part]:
@@ -71,6 +83,16 @@ def fixed_camera(plan: Plan, at: Point, size: float, up: float, rgb: RGB) -> lis
     parts = [block((0, 0, 0), (0.7 * size, size, size), rgb, around=12)]
     parts += lens((1.25 * size, 0, 0), 0.66 * size, 0.7 * size, rim=BLACK)
     return [moved(part, turn, at) for part in parts]
+
+
+def nose_camera(plan: Plan, body: Part, z: float, size: float, up: float, rgb: RGB) -> list[Part]:
+    """Build a small camera that is let into the nose of a hull at height `z`, or as near to it as fits."""
+    end = body.points[:, 0].max() - 4
+    belly, roof = skin(body, end, up=-1.0), skin(body, end)
+    margin = min(0.4 * size, 0.5 * (roof - belly))
+    level = float(np.clip(z, belly + margin, roof - margin))
+    x, _, _ = on_surface(body, (-DESIGN, 0, level), (1, 0, 0))[0]
+    return fixed_camera(plan, (x - 0.3 * size, 0, level), size, up, rgb)
 
 
 def action_camera(plan: Plan, at: Point, size: float, up: float) -> list[Part]:
@@ -128,8 +150,25 @@ def dome(plan: Plan, at: Point, radius: float, mast: float, rgb: RGB) -> list[Pa
     return parts
 
 
-def rod(foot: Point, lean: Point, length: float, radius: float, rgb: RGB, pod: float = 0.0) -> list[Part]:
-    """Build a rod antenna from `foot` along `lean`, with a pod of that radius at its end if it is not 0."""
+def rod(
+    plan: Plan, foot: Point, lean: Point, length: float, radius: float, rgb: RGB, pod: float = 0.0
+) -> list[Part]:
+    """Build a rod antenna from `foot` along `lean`, with a pod of that radius at its end if it is not 0.
+
+    Where a disc is in its way, it is turned towards the middle plane, then laid lower. It is left out if
+    nothing helps.
+    """
+    for upward in (1.0, 0.5, 0.0):
+        for sideways in (1.0, 0.6, 0.3, 0.0):
+            parts = plan.whole(
+                _rod(foot, np.multiply(lean, (1.0, sideways, upward)), length, radius, rgb, pod)
+            )
+            if parts:
+                return parts
+    return []
+
+
+def _rod(foot: Point, lean: Point, length: float, radius: float, rgb: RGB, pod: float) -> list[Part]:
     direction = np.asarray(lean, float) / np.linalg.norm(lean)
     start = np.asarray(foot, float) - radius * direction
     end = start + length * direction
@@ -228,8 +267,10 @@ def guards(plan: Plan, drop: float, spare: float = 0.0) -> list[Part]:
             direction = np.array([np.cos(outward + turn), np.sin(outward + turn), 0])
             start = hub + (0, 0, -0.85 * drop)
             end = hub + radius * direction + (0, 0, min(level, -4.0))
-            # it stays low until it is beyond the disc
+            # it stays low until it is beyond the disc, where a post takes it up to the guard
             parts.append(
                 beam([start, 0.5 * (start + end), end], [(thick, thick)] * 3, rgb, along=3, around=6)
             )
+            if level > -4.0:
+                parts.append(tube(end - (0, 0, thick), end + (0, 0, level + 4.0), thick, rgb, around=6))
     return parts

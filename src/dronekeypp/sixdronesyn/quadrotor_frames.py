@@ -4,6 +4,8 @@ Lengths are design millimetres (see quadrotor_plan.py). Each builder returns the
 those to the left, like airframes.py.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from dronekeypp.sixdronesyn.fittings import BLACK, RED, WHITE, arm, leg, shade
@@ -48,7 +50,8 @@ def racer(plan: Plan) -> Sides:
     rear, front = x
     floor = level + thick
     rise = plan.draw(22, 34)  # between the plates
-    outline = rounded(x, half, plan.draw(0.2, 0.7) * half, waist=plan.draw(0.7, 1.1))
+    corner = plan.draw(0.2, 0.7) * half
+    outline = rounded(x, half, corner, waist=plan.draw(0.7, 1.1))
     middle = [plate(outline, (floor, floor + 3.4), carbon)]
     left = []
     roof = floor + rise
@@ -80,7 +83,7 @@ def racer(plan: Plan) -> Sides:
                 canopy, plan.pick(WHITE, BLACK, plan.accent), y=(-0.25 * half, 0.25 * half), z=(floor, 999)
             )
         middle.append(canopy)
-    # the camera in its cage
+    # the camera between the cheeks of its cage, which stand on the lower plate
     size = plan.draw(0.36, 0.5) * half + 2
     up = plan.draw(0.2, 0.7)
     middle += fixed_camera(
@@ -89,29 +92,32 @@ def racer(plan: Plan) -> Sides:
     cage = plan.pick(carbon, carbon, colour)
     left.append(
         block(
-            (front - 2, size + 2.4, floor + 0.5 * rise), (0.9 * size + 4, 1.5, 0.48 * rise), cage, around=12
+            (front - 2, size + 1.0, floor + 0.5 * rise), (0.9 * size + 4, 1.5, 0.48 * rise), cage, around=12
         )
     )
     if open_frame:  # else it is under the canopy
         middle += _racer_battery(plan, x, half, level - thick, roof + 3)
     # what sits at the rear
     kind = plan.rng.random()
-    mount = (rear + 4, 0.0, floor + 0.4 * rise)
+    mount = (rear + 4, 0.0, floor + 2.0)  # in the lower plate
     if kind < 0.5:
         pod = plan.draw(5, 8) if plan.chance(0.6) else 0.0
         rgb = plan.pick(BLACK, colour, WHITE)
-        middle += rod(mount, (-plan.draw(0.3, 1.2), 0, 1), plan.draw(35, 60), 2.0, rgb, pod)
+        middle += rod(plan, mount, (-plan.draw(0.3, 1.2), 0, 1), plan.draw(35, 60), 2.0, rgb, pod)
     elif kind < 0.8:
         lean = (-1, plan.draw(0.4, 1.0), plan.draw(0.3, 1.0))
-        left += rod((rear + 4, 0.5 * half, mount[2]), lean, plan.draw(35, 55), 1.7, BLACK)
+        side = min(0.5 * half, half - corner)
+        left += rod(plan, (rear + 4, side, mount[2]), lean, plan.draw(35, 55), 1.7, BLACK)
     if plan.chance(0.3):
-        middle += dome(
+        receiver = dome(
             plan, (rear - 4, 0, floor + 0.7 * rise), 9.0, 0.0, plan.pick(BLACK, plan.grey(180, 230))
         )
-        middle.append(block((rear, 0, floor + 0.6 * rise), (8, 6, 4), colour))
+        foot = 0.35 * rise + 0.5  # half the height of what it stands on
+        receiver.append(block((rear, 0, floor + foot), (8, 6, foot), colour))
+        middle += plan.whole(receiver)
     if plan.chance(0.45):
         glow = plan.pick(RED, (255, 120, 20), (60, 160, 255), (60, 240, 120))
-        middle.append(block((rear - 1.5, 0, floor + 0.3 * rise), (1.6, 0.7 * half, 3.2), glow, around=10))
+        middle.append(block((rear - 1.0, 0, floor + 4.0), (1.6, 0.7 * half, 3.2), glow, around=10))
 
     wide = plan.draw(7.0, 11.5)
     inset = plan.draw(0.15, 0.8)  # how far apart the arms leave the body: an X or an H
@@ -165,15 +171,18 @@ def plates(plan: Plan) -> Sides:
     corner = plan.draw(0.25, 0.75) * size
     x = (-stretch * size, stretch * size)
     outline = rounded(x, size, corner, waist=plan.draw(0.75, 1.12))
-    top, bottom = level + thick + 0.5, level - thick - 0.5
+    grip = (1.0 if moulded else 0.8) * thick - 0.4  # the plates clamp the arms, which are that high
+    top, bottom = level + grip, level - grip
     middle = [plate(outline, (top, top + 3), base), plate(outline, (bottom - 3, bottom), base)]
     left = []
+    limbs = []  # the middle lines of the arms
     # arms: the front pair often has another colour, so that the pilot knows which way it looks
     front_rgb = plan.pick(plan.hull, carbon, plan.accent, WHITE, RED)
     rear_rgb = plan.pick(carbon, plan.trim, WHITE) if plan.chance(0.7) else front_rgb
     for hub, end, rgb in ((plan.front, x[1], front_rgb), (plan.rear, x[0], rear_rgb)):
         start = np.array([0.5 * end, 0.45 * size, level])
         tip = np.array([hub[0], hub[1], hub[2] - drop - thick])
+        limbs.append((start, tip))
         if moulded:
             sizes = [(1.5 * thick, 1.0 * thick), (0.9 * thick, 1.15 * thick), (1.0 * thick, 0.9 * thick)]
             limb = arm(start, hub, drop + thick, sizes, rgb, (0.5, 0.5, 0.5))
@@ -190,9 +199,10 @@ def plates(plan: Plan) -> Sides:
         left.append(limb)
     left += motors(plan, drop, plan.pick(BLACK, carbon, plan.hull))
     if plan.chance(0.6):
-        left += lights(plan, drop + thick)
+        left += lights(plan, drop + 2 if moulded else drop + thick)
     middle += _on_top(plan, x, size, top + 3)
-    below, legs = _below(plan, x, size, bottom - 3, thick, camera=front_rgb == rear_rgb or plan.chance(0.75))
+    camera = front_rgb == rear_rgb or plan.chance(0.75)
+    below, legs = _below(plan, x, size, (bottom - 3, top + 3), limbs, camera)
     return middle + below, left + legs
 
 
@@ -217,31 +227,43 @@ def _on_top(plan: Plan, x: tuple[float, float], size: float, z: float) -> list[P
             cover = painted(cover, plan.accent, y=(-0.22 * wide, 0.22 * wide), z=(z + 2, 999))
         parts.append(cover)
     elif kind < 0.8 and high > 8 and wide > 9:
-        parts += battery(plan, (0.0, 0, z + 0.45 * high), (0.9 * long, min(wide, 22), 0.45 * high))
+        parts += battery(plan, (0.0, 0, z + 0.45 * high - 0.5), (0.9 * long, min(wide, 22), 0.45 * high))
     else:
-        parts += box(plan, (0, 0, z + 5), (16, 13, 5), plan.pick(BLACK, plan.hull, plan.grey(180, 230)))
+        parts += box(plan, (0, 0, z + 4.5), (16, 13, 5), plan.pick(BLACK, plan.hull, plan.grey(180, 230)))
         parts.append(block((0.55 * x[0], 0, z + 3), (9, 7, 3.5), BOARD))
     if plan.chance(0.6):
         foot = 0.8 * x[0]
         mast = plan.draw(18, 60)
         room = min(plan.free_half((foot - 14, foot + 14)), 14.0)
         if room > 7:
-            parts += dome(plan, (foot, 0, z), room, mast, plan.pick(BLACK, plan.hull, plan.grey(210, 245)))
+            rgb = plan.pick(BLACK, plan.hull, plan.grey(210, 245))
+            parts += plan.whole(dome(plan, (foot, 0, z), room, mast, rgb))
     elif plan.chance(0.4):
-        parts += rod((0.9 * x[0], 0.3 * size, z), (-0.5, 0.2, 1), plan.draw(30, 60), 1.8, BLACK)
+        parts += rod(plan, (0.9 * x[0], 0.3 * size, z - 1.5), (-0.5, 0.2, 1), plan.draw(30, 60), 1.8, BLACK)
     return parts
 
 
-def _below(plan: Plan, x: tuple[float, float], size: float, z: float, thick: float, camera: bool) -> Sides:
-    """Build what hangs below the lower plate, middle and left: legs, a battery or a box, a camera."""
+def _below(
+    plan: Plan,
+    x: tuple[float, float],
+    size: float,
+    heights: tuple[float, float],
+    limbs: Sequence[tuple[np.ndarray, np.ndarray]],
+    camera: bool,
+) -> Sides:
+    """Build what hangs below the lower plate, middle and left: legs, a battery or a box, a camera.
+
+    `heights` are the lowest and the highest z of the plates, `limbs` where the left arms begin and end.
+    """
+    z, top = heights
     room = z - plan.ground
     middle, legs = [], []
     kind = plan.rng.random()
     colour = plan.pick(CARBON, CARBON, plan.hull, plan.accent)
     bar = plan.draw(0.008, 0.014) * 300
     if room < 30 or kind < 0.35:
-        for hub in (plan.front, plan.rear):
-            spot = np.array([*(plan.draw(0.62, 0.8) * hub[:2]), z + thick])
+        for start, tip in limbs:
+            spot = start + plan.draw(0.62, 0.8) * (tip - start)
             legs.append(leg(spot, 0, (plan.ground, 0, 2), (9, 4), 3.2, colour))
     elif kind < 0.7:
         y = plan.draw(0.9, 1.7) * size
@@ -249,7 +271,7 @@ def _below(plan: Plan, x: tuple[float, float], size: float, z: float, thick: flo
     else:
         for end in x:
             legs.append(
-                tube((0.7 * end, 0.6 * size, z + 2), (1.1 * end, 1.5 * size, plan.ground + bar), bar, colour)
+                tube((0.6 * end, 0.5 * size, z + 2), (1.1 * end, 1.5 * size, plan.ground + bar), bar, colour)
             )
             legs.append(
                 lathe(
@@ -267,5 +289,8 @@ def _below(plan: Plan, x: tuple[float, float], size: float, z: float, thick: flo
     if camera and room > 30 and plan.chance(0.7):
         middle += gimbal_camera(plan, x[1] - 4, z + 1, plan.ground + 5, wide)
     elif camera:
-        middle += fixed_camera(plan, (x[1] + 2, 0, z + thick + 3), 0.5 * wide, plan.draw(-0.2, 0.3), BLACK)
+        # let into the gap between the plates, and at least as high
+        half = max(0.5 * wide, 0.5 * (top - z) - 2)
+        at = (x[1] - 0.3 * half, 0, 0.5 * (z + top))
+        middle += fixed_camera(plan, at, half, plan.draw(-0.2, 0.3), BLACK)
     return middle, legs

@@ -15,6 +15,8 @@ from dronekeypp.sixdronesyn.quadrotor_extras import (
     landing_skid,
     lights,
     motors,
+    nose_camera,
+    skin,
     sticker,
 )
 from dronekeypp.sixdronesyn.quadrotor_plan import Plan, Sides
@@ -91,7 +93,7 @@ def folding(plan: Plan) -> Sides:
         body = sticker(plan, body, x, half, (bottom + 0.5 * high, top + 9))
     size = plan.draw(0.36, 0.6) * half
     camera = gimbal_camera(
-        plan, x[1] + plan.draw(-0.4, 0.5) * size, bottom + (bay + 0.05) * high, plan.ground + 3, size
+        plan, x[1] + plan.draw(-0.4, 0.5) * size, bottom + (bay + 0.05) * high, plan.ground + 3, size, body
     )
     middle = [body, *camera]
 
@@ -163,13 +165,9 @@ def folding(plan: Plan) -> Sides:
             )
         )
     if plan.chance(0.15):
-        middle += dome(
-            plan,
-            (x[0] + 0.25 * length, 0, bottom + 0.8 * high),
-            0.45 * half,
-            0.15 * high,
-            plan.pick(dark, plan.hull),
-        )
+        spot = x[0] + 0.25 * length
+        at = (spot, 0, skin(body, spot) - 2)
+        middle += plan.whole(dome(plan, at, 0.45 * half, 0.05 * high, plan.pick(dark, plan.hull)))
     return middle, left
 
 
@@ -196,11 +194,14 @@ def shell(plan: Plan) -> Sides:
     size = plan.draw(0.34, 0.5) * half
     at = plan.draw(0.1, 0.75) * x[1]
     if plan.chance(0.85):
-        middle += gimbal_camera(plan, at, bottom + 4, plan.ground + 4, size)
-        middle.append(block((at - 1.5 * size, 0, bottom - 1), (0.8 * size, 0.7 * size, 4), dark))
+        middle += gimbal_camera(plan, at, bottom + 4, plan.ground + 4, size, body)
+        belly = skin(body, at - 1.5 * size, up=-1.0)
+        middle.append(block((at - 1.5 * size, 0, belly - 1), (0.8 * size, 0.7 * size, 4), dark))
     left = []
     if plan.chance(0.6):
         left += eye(body, (0.3 * x[1], 0.35 * half, bottom + 0.4 * high), (1, 0.1, 0), 0.14 * half)
+    else:  # or one small camera: a shell has little else that tells its front from its rear
+        middle += nose_camera(plan, body, bottom + 0.5 * high, 0.2 * half, 0.0, BLACK)
     wide, tall = plan.draw(0.07, 0.12) * 300, plan.draw(0.035, 0.05) * 300
     tip = 0.9 * plan.motor
     front_rgb = plan.pick(rgb, rgb, rgb, dark)
@@ -214,7 +215,7 @@ def shell(plan: Plan) -> Sides:
             limb = painted(limb, plan.accent, y=(0.62 * hub[1], 0.74 * hub[1]))
         left.append(limb)
     left += motors(plan, drop, plan.pick(rgb, dark))
-    left += lights(plan, drop + 0.4 * tall)
+    left += lights(plan, drop + 2)  # within the motor's seat
     if plan.chance(0.14):
         left += guards(plan, drop)
     legs = plan.pick(rgb, rgb, dark, BLACK)
@@ -236,5 +237,6 @@ def shell(plan: Plan) -> Sides:
                 leg(hub, drop + 0.3 * tall, (plan.ground, 0, 0), (2 * thick, 1.2 * thick), thick, legs)
             )
     if plan.chance(0.2):
-        middle += dome(plan, (0.3 * x[0], 0, top - 3), 0.4 * half, 2, plan.pick(rgb, dark))
+        at = (0.3 * x[0], 0, skin(body, 0.3 * x[0]) - 2)
+        middle += plan.whole(dome(plan, at, 0.4 * half, 1, plan.pick(rgb, dark)))
     return middle, left

@@ -127,10 +127,14 @@ class Plan:
                 return False
         return True
 
+    def whole(self, parts: list[Part]) -> list[Part]:
+        """Return parts that belong together, or none of them where one does not clear the discs."""
+        return parts if all(self.clears(part) for part in parts) else []
+
 
 def plan_of(drone: Drone) -> Plan:
     """Return the plan of a random quadrotor."""
-    rng = np.random.default_rng([drone.draws, drone.number, BODY])
+    rng = np.random.default_rng([drone.body_seed, drone.number, BODY])
     scale = 1000 * drone.wheelbase / DESIGN
     millimetres = 1000 / scale
     return Plan(

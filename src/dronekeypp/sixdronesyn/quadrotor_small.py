@@ -16,7 +16,9 @@ from dronekeypp.sixdronesyn.quadrotor_extras import (
     guards,
     lights,
     motors,
+    nose_camera,
     rod,
+    skin,
     sticker,
 )
 from dronekeypp.sixdronesyn.quadrotor_hulls import fuselage
@@ -55,9 +57,7 @@ def toy(plan: Plan) -> Sides:
     middle = [body]
     if not window or plan.chance(0.5):
         size = plan.draw(0.2, 0.34) * half
-        middle += fixed_camera(
-            plan, (x[1] - 0.3 * size, 0, bottom + 0.4 * high), size, plan.draw(-0.3, 0.2), dark
-        )
+        middle += nose_camera(plan, body, bottom + 0.4 * high, size, plan.draw(-0.3, 0.2), dark)
     wide = plan.draw(0.018, 0.034) * 300
     left = []
     front_rgb = plan.pick(dark, rgb, BLACK)
@@ -73,7 +73,8 @@ def toy(plan: Plan) -> Sides:
     if plan.chance(0.6):
         left += guards(plan, drop, min(plan.spare, 16.0))
     if plan.chance(0.3):
-        left += rod((0.6 * x[0], 0.3 * half, top - 0.3 * high), (-0.4, 0.1, 1), 0.6 * high, 1.4, BLACK)
+        foot = (0.6 * x[0], 0.3 * half, skin(body, 0.6 * x[0], 0.3 * half) - 1)
+        left += rod(plan, foot, (-0.4, 0.1, 1), 0.6 * high, 1.4, BLACK)
     return middle, left
 
 
@@ -119,11 +120,11 @@ def ducted(plan: Plan) -> Sides:
     else:
         middle, more = _pod(plan, x, base)
         left += more
-    # beams from the body to the motors carry the ducts
+    # beams that meet below the middle of the body carry the motors and the ducts
     colour = plan.pick(rgb, CARBON, plan.trim)
     for hub in (plan.front, plan.rear):
         start, end = (
-            np.array([0.25 * hub[0], 0.12 * hub[1], base]),
+            np.array([0.08 * hub[0], 0.05 * hub[1], base]),
             np.array([hub[0], hub[1], hub[2] - drop - 3]),
         )
         left.append(beam([start, end], [(8, 2.6), (6.5, 2.4)], colour, along=3, around=8, exponent=5))
@@ -154,10 +155,12 @@ def _canopy(plan: Plan, x: tuple[float, float], base: float) -> list[Part]:
         body = sticker(plan, body, x, half, (base + 0.4 * (top - base), 999))
     size = plan.draw(0.26, 0.42) * half
     lift = plan.draw(0.1, 0.6)
-    at = (x[1] - 0.5 * size, 0, base + 0.45 * (top - base))
-    parts = [body, *fixed_camera(plan, at, size, lift, plan.pick(BLACK, plan.trim)), *_under(plan, base - 2)]
+    level = base + 0.45 * (top - base)
+    parts = [body, *nose_camera(plan, body, level, size, lift, plan.pick(BLACK, plan.trim))]
+    parts += _under(plan, base - 2)
     if plan.chance(0.5):
-        parts += rod((0.8 * x[0], 0, base + 0.5 * (top - base)), (-0.6, 0, 1), plan.draw(20, 40), 1.6, BLACK)
+        foot = (0.8 * x[0], 0, skin(body, 0.8 * x[0]) - 1)
+        parts += rod(plan, foot, (-0.6, 0, 1), plan.draw(20, 40), 1.6, BLACK)
     return parts
 
 
@@ -171,14 +174,12 @@ def _deck(plan: Plan, x: tuple[float, float], base: float) -> list[Part]:
         plate(outline, (base - 2, base + 2), carbon),
         plate(outline, (base + rise, base + rise + 3), carbon),
     ]
-    parts.append(
-        block(
-            (0, 0, base + 0.5 * rise),
-            (0.7 * x[1], 0.6 * half, 0.5 * rise + 0.5),
-            plan.pick(CARBON, plan.accent),
-        )
-    )
+    # the boards reach from the rear to the back of the camera
     size = plan.draw(0.3, 0.45) * half
+    rear, front = -0.7 * x[1], x[1] - 1 - 0.3 * size
+    boards = (0.5 * (front - rear), 0.6 * half, 0.5 * rise + 0.5)
+    rgb = plan.pick(CARBON, plan.accent)
+    parts.append(block((0.5 * (rear + front), 0, base + 0.5 * rise), boards, rgb))
     parts += fixed_camera(plan, (x[1] - 1, 0, base + 0.5 * rise), size, plan.draw(0.0, 0.4), BLACK)
     top = base + rise + 2.5
     wide = min(0.8 * half, 18)
@@ -187,7 +188,12 @@ def _deck(plan: Plan, x: tuple[float, float], base: float) -> list[Part]:
         parts += action_camera(plan, (0.72 * x[1], 0, top), min(13.0, wide), plan.draw(0.0, 0.4))
     if plan.chance(0.6):
         parts += rod(
-            (x[0], 0, base + rise), (-0.8, 0, 1), plan.draw(25, 45), 1.8, plan.pick(BLACK, WHITE, RED)
+            plan,
+            (x[0] + 2, 0, base + rise + 1.5),
+            (-0.8, 0, 1),
+            plan.draw(25, 45),
+            1.8,
+            plan.pick(BLACK, WHITE, RED),
         )
     return parts
 
@@ -210,7 +216,7 @@ def _pod(plan: Plan, x: tuple[float, float], base: float) -> Sides:
             z=(bottom + (bay + 0.12) * high, bottom + (bay + 0.3) * high),
         )
     size = plan.draw(0.36, 0.5) * half
-    middle = [body, *gimbal_camera(plan, x[1], bottom + (bay + 0.06) * high, bottom + 1, size)]
+    middle = [body, *gimbal_camera(plan, x[1], bottom + (bay + 0.06) * high, bottom + 1, size, body)]
     left = []
     if plan.chance(0.5):
         left += eye(body, (0.5 * x[0], 0.3 * half, bottom + 0.5 * high), (-1, 0.2, 0.2), 0.14 * half)

@@ -234,11 +234,10 @@ def quadrotor(number: int, seed: int = 0) -> Drone:
         mass=float(0.03 * (wheelbase / 0.08) ** 2.3 * np.exp(rng.uniform(-0.35, 0.35))),
         motor_radius=motor,
         hubs=hubs,
-        digest=f"seed {seed}" if seed else None,
         blades=blades,
         blade_width=float(np.exp(rng.uniform(-0.35, 0.35))),
         number=number,
         family=name,
-        draws=seed,
+        body_seed=seed,
         **colours(name, np.random.default_rng([seed, number, COLOURS])),
     )
