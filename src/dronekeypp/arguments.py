@@ -137,7 +137,7 @@ def evaluate(p: ArgumentParser) -> None:
 
 def predict(p: ArgumentParser) -> None:
     footage = "a video, a folder of images, one image, or a scene of a BOP data set"
-    camera = "calibration as OpenCV writes it (YAML, XML, JSON), or plain JSON"
+    camera = "calibration as OpenCV writes it (YAML, XML, JSON), plain JSON, or a scene_camera.json"
     boxes = "of the drone, from any detector: COCO JSON, YOLO txt (folder), CSV, MOT"
     first = "of the drone in the first frame, without such a file; a tracker carries it on"
     smooth = "sigma of a Gaussian over the poses (default 0: none)"
