@@ -249,8 +249,8 @@ def _matrix_of_a_flight(path: Path) -> Any:
     if not cameras or any(camera != cameras[0] for camera in cameras):
         raise InputError(
             f"{path}: {len(cameras)} frames, and not one camera for all of them; each frame gets its own "
-            f"where the pictures have numbers for names, in a folder beside {CAMERA_FILE}, and that lies in a "
-            "folder with a number"
+            f"where the pictures have numbers for names, in a folder beside {CAMERA_FILE} in a folder that "
+            "has a number for a name, too"
         )
     return cameras[0]
 
