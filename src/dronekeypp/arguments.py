@@ -101,7 +101,7 @@ def convert(p: ArgumentParser) -> None:
     p.add_argument("--to", required=True, choices=("yolo", "coco"), help=to)
     p.add_argument("--out", type=Path, metavar="DIR", help=out)
     p.add_argument("--keypoints", action="store_true", help="yolo: labels for its task `pose`")
-    p.add_argument("--types", action="store_true", help="yolo: a class for each drone (default: one class)")
+    p.add_argument("--types", action="store_true", help="a class for each drone (default: one class)")
 
 
 def pretrain(p: ArgumentParser) -> None:

@@ -29,9 +29,10 @@ from dronekeypp.evaluate.statistics import (
     summarise,
 )
 from dronekeypp.files import write_beside
-from dronekeypp.frame_dataset import FrameDataset, Relabelled, StoredFrame
+from dronekeypp.frame_dataset import FrameDataset, Relabelled
 from dronekeypp.sixdronesyn.object_shapes import ObjectShape, read_shapes
 from dronekeypp.sixdronesyn.results import Estimate, object_numbers, results_csv
+from dronekeypp.stored import StoredFrame
 
 
 def evaluate_checkpoint(
