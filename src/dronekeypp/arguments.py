@@ -74,6 +74,10 @@ def generate(p: ArgumentParser) -> None:
     size = "side of a crop (default 128; whole frames ignore it)"
     environments = "your own equirectangular images (default: 22 procedural ones)"
     quadrotors = "random quadrotors A to B − 1 in place of the seven drones (edition 2)"
+    edition = (
+        "1 (default): what the recorded numbers are of; "
+        "2: mended shapes, a lens a flight, complete BOP files (always with --quadrotors)"
+    )
     p.add_argument("out", type=Path)
     p.add_argument("--scenes", type=numbers, metavar="6,7", help="scene numbers, 1 to 13 (default: all)")
     p.add_argument("--drones", type=words, metavar="Mini2,Tello", help="drone names (default: all)")
@@ -85,7 +89,7 @@ def generate(p: ArgumentParser) -> None:
     p.add_argument("--workers", type=int, default=1, metavar="N", help="processes")
     p.add_argument("--shard", type=shard, default=(0, 1), metavar="I/N", help="render only part I of N")
     p.add_argument("--quadrotors", type=interval, metavar="A:B", help=quadrotors)
-    p.add_argument("--edition", type=int, metavar="N", help="of the data set: 1 (default) or 2")
+    p.add_argument("--edition", type=int, metavar="N", help=edition)
     p.add_argument("--depth", action="store_true", help="also write depth images (edition 2)")
     p.add_argument("--masks", action="store_true", help="also write masks of the drone (edition 2)")
 
