@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -14,16 +15,15 @@ import torch
 import torchvision
 from plain_bop import make_plain_folder
 
-from dronekeypp import convert as converting
 from dronekeypp.classes import names_of
 from dronekeypp.cli import main
-from dronekeypp.convert import convert
+from dronekeypp.convert import convert, labels, run
 from dronekeypp.data import open_dataset
 from dronekeypp.errors import InputError
-from dronekeypp.frame_dataset import FrameDataset
 from dronekeypp.sixdronesyn import bop, scenes
 from dronekeypp.sixdronesyn.coco import coco
 from dronekeypp.sixdronesyn.generate import generate
+from dronekeypp.stored import StoredFrame
 
 ROOT = Path(__file__).parents[1]
 FRAME = np.array([scenes.WIDTH, scenes.HEIGHT])
@@ -44,7 +44,7 @@ def plain(tmp_path):
     return make_plain_folder(tmp_path / "plain")
 
 
-def labels(folder, split, name):
+def lines_of(folder, split, name):
     """The lines of a label file as numbers, (drones, columns)."""
     text = (folder / "labels" / split / f"{name}.txt").read_text()
     return np.array([[float(word) for word in line.split()] for line in text.splitlines()])
@@ -69,7 +69,7 @@ def test_labels_are_the_annotations_and_names_lead_back(whole, tmp_path):
             name = f"{stored.folder.name}_{stored.annotation.number:06d}"
             picture = out / "images" / split / f"{name}.jpg"
             assert os.path.samefile(picture, whole / split / stored.folder.name / "rgb" / stored.image.name)
-            (line,) = labels(out, split, name)
+            (line,) = lines_of(out, split, name)
             assert line[0] == 0 and len(line) == 5
             box = np.concatenate([(line[1:3] - line[3:5] / 2) * FRAME, line[3:5] * FRAME])
             np.testing.assert_allclose(box, stored.annotation.box, atol=0.002)
@@ -82,7 +82,7 @@ def test_keypoints_and_types(whole, tmp_path):
     frames = open_dataset(whole, "test")
     seen = []
     for stored, label in zip(frames.stored, frames.labels, strict=True):
-        (line,) = labels(out, "test", f"{stored.folder.name}_{stored.annotation.number:06d}")
+        (line,) = lines_of(out, "test", f"{stored.folder.name}_{stored.annotation.number:06d}")
         assert line[0] == label and len(line) == 5 + 4 * 3
         points = line[5:].reshape(4, 3)
         np.testing.assert_allclose(points[:, :2] * FRAME, stored.annotation.keypoints_2d, atol=0.002)
@@ -109,12 +109,12 @@ def test_what_lies_outside_the_picture_is_cut_off(plain, tmp_path):
         lambda table: table[str(number)][0].update(bbox_obj=[-40.0, -10.0, 100.0, 60.0]),
     )
     out = convert(plain, "yolo", tmp_path / "out", keypoints=True, progress=False)
-    (line,) = labels(out, "train", f"{flight.name}_{number:06d}")
+    (line,) = lines_of(out, "train", f"{flight.name}_{number:06d}")
     np.testing.assert_allclose(line[1:5], [30 / 1280, 25 / 720, 60 / 1280, 50 / 720], atol=1e-6)
     assert line[5:].reshape(4, 3)[:, 2].tolist() == [0, 2, 1, 0]
     assert line[5:8].tolist() == [0, 0, 0]
     for path in (out / "labels").rglob("*.txt"):
-        values = labels(out, path.parent.name, path.stem)
+        values = lines_of(out, path.parent.name, path.stem)
         assert values[:, 1:5].min() >= 0 and values[:, 1:5].max() <= 1
         assert values[:, 5:].reshape(-1, 3)[:, :2].min() >= 0
         assert values[:, 5:].reshape(-1, 3)[:, :2].max() <= 1
@@ -130,8 +130,60 @@ def test_two_drones_in_a_picture_are_two_lines(plain, tmp_path):
     )
     out = convert(plain, "yolo", tmp_path / "out", progress=False)
     for picture in (flight / "rgb").iterdir():
-        lines = labels(out, "val", f"{flight.name}_{picture.stem}")
+        lines = lines_of(out, "val", f"{flight.name}_{picture.stem}")
         assert lines[1].tolist() == [0, 0.1, 0.2, 0.1, 0.2] and lines[0].tolist() != lines[1].tolist()
+
+
+def test_pictures_without_a_drone_and_drones_at_the_border_count(plain, tmp_path, capsys):
+    """A detector needs both: the former have an empty label, the latter what is seen of their box."""
+    flight = sorted((plain / "train").iterdir())[0]
+    picture = next((flight / "rgb").iterdir())
+    for number in (1, 2, 3, 4):
+        shutil.copy(picture, picture.with_name(f"{number:06d}.png"))
+    boxes = {1: [-90, 10, 120, 40], 2: [1400, 10, 60, 40], 3: [-1, -1, -1, -1]}
+
+    def add(table):
+        for number, box in boxes.items():
+            table[str(number)] = json.loads(json.dumps(table["0"]))
+            if "bbox_obj" in table["0"][0]:
+                table[str(number)][0]["bbox_obj"] = box
+
+    edit(flight / "scene_camera.json", lambda table: [table.update({str(n): table["0"]}) for n in boxes])
+    for name in ("scene_gt.json", "scene_gt_info.json"):
+        edit(flight / name, add)
+    out = convert(plain, "yolo", tmp_path / "out")
+    texts = []
+    for number in range(4):
+        texts.append((out / "labels" / "train" / f"{flight.name}_{number:06d}.txt").read_text())
+        assert (out / "images" / "train" / f"{flight.name}_{number:06d}.png").is_file()
+    assert texts[1] == f"0 {15 / 1280:.6f} {30 / 720:.6f} {30 / 1280:.6f} {40 / 720:.6f}\n"
+    assert texts[0].count("\n") == 1 and texts[2:] == ["", ""]
+    assert not (out / "images" / "train" / f"{flight.name}_000004.png").exists()
+    printed = capsys.readouterr().out
+    assert f"{plain} train: 1 drones left out, whose box is not in the picture" in printed
+    assert f"{plain} train: 1 pictures left out, which scene_gt.json does not mention" in printed
+    edit(flight / "scene_gt_info.json", lambda table: table["1"][0].update(bbox_obj=[-90, 10, 121, 40]))
+    with pytest.raises(InputError, match="made with other digests"):
+        convert(plain, "yolo", tmp_path / "out")
+
+
+def test_a_list_may_name_pictures_without_a_drone(plain, tmp_path):
+    flight = sorted((plain / "train").iterdir())[0]
+    shutil.copy(flight / "rgb" / "000000.png", flight / "rgb" / "000001.png")
+    for name in ("scene_gt.json", "scene_gt_info.json"):
+        edit(flight / name, lambda table: table.update({"1": []}))
+    place = flight.relative_to(plain).as_posix()
+    (plain / "train.txt").write_text(f"{place}/000000\n{place}/000001\n")
+    out = convert(plain, "yolo", tmp_path / "out", progress=False)
+    assert len(list((out / "images" / "train").iterdir())) == 2
+    assert (out / "labels" / "train" / f"{flight.name}_000001.txt").read_text() == ""
+
+
+def test_class_names_in_any_script(plain, tmp_path):
+    path = plain / "models" / "models_info.json"
+    edit(path, lambda table: table["1"].update(name="Gerät \U0001f681"))
+    out = convert(plain, "yolo", tmp_path / "out", types=True, progress=False)
+    assert '  0: "Gerät \U0001f681"\n' in (out / "data.yaml").read_text(encoding="utf-8")
 
 
 # --- splits -----------------------------------------------------------------------------------------------
@@ -185,8 +237,8 @@ def test_what_cannot_be_converted_says_why(plain, whole, tmp_path):
         convert(plain, "coco", tmp_path / "out")
     with pytest.raises(InputError, match="--to voc: choose yolo or coco"):
         convert(whole, "voc", tmp_path / "out")
-    with pytest.raises(InputError, match="--keypoints and --types are for --to yolo"):
-        convert(whole, "coco", tmp_path / "out", types=True)
+    with pytest.raises(InputError, match="--keypoints is for --to yolo"):
+        convert(whole, "coco", tmp_path / "out", keypoints=True)
     for path in plain.glob("*/*/scene_gt.json"):
         edit(path, lambda table: [entry[0].pop("keypoints_2d") for entry in table.values()])
         edit(path, lambda table: [entry[0].pop("keypoints_3d") for entry in table.values()])
@@ -213,17 +265,17 @@ def content(folder):
 
 def read_pictures(monkeypatch, call, kill_at=None):
     """How many pictures a call reads, until it is killed."""
-    count, read_one = 0, FrameDataset.stored_image
+    count, read_one = 0, StoredFrame.read
 
-    def counted(self, index):
+    def counted(self):
         nonlocal count
         if count == kill_at:
             raise KeyboardInterrupt
         count += 1
-        return read_one(self, index)
+        return read_one(self)
 
     with monkeypatch.context() as patch:
-        patch.setattr(FrameDataset, "stored_image", counted)
+        patch.setattr(StoredFrame, "read", counted)
         with contextlib.suppress(KeyboardInterrupt):
             call()
     return count
@@ -240,7 +292,7 @@ def test_a_killed_run_leaves_nothing_under_its_name_and_goes_on(whole, tmp_path,
 
 
 def test_what_a_run_with_other_options_left_is_not_taken(whole, tmp_path, monkeypatch):
-    monkeypatch.setattr(converting, "write_data_yaml", lambda *_: 1 / 0)
+    monkeypatch.setattr(labels, "write_data_yaml", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         convert(whole, "yolo", tmp_path / "out", keypoints=True, progress=False)
     monkeypatch.undo()
@@ -272,7 +324,7 @@ def test_the_folder_lies_beside_the_data_set_and_can_be_a_copy(plain, tmp_path, 
     def no_links(*_):
         raise OSError("another file system")
 
-    monkeypatch.setattr(converting.os, "link", no_links)
+    monkeypatch.setattr(run.os, "link", no_links)
     monkeypatch.chdir(plain)
     out = convert(".", "yolo", progress=False)
     assert out == tmp_path / "plain-yolo"
@@ -286,7 +338,8 @@ def test_the_folder_lies_beside_the_data_set_and_can_be_a_copy(plain, tmp_path, 
 
 
 def test_coco_is_the_data_sets_own_with_names_from_the_folder(whole, tmp_path):
-    out = convert(whole, "coco", tmp_path / "coco", progress=False)
+    out = convert(whole, "coco", tmp_path / "coco", types=True, progress=False)
+    one_class = convert(whole, "coco", tmp_path / "one_class", progress=False)
     for split in scenes.SPLITS:
         table = bop.read_json(out / f"{split}.json")
         settings = bop.read_json(whole / "manifest.json")["settings"]
@@ -295,6 +348,11 @@ def test_coco_is_the_data_sets_own_with_names_from_the_folder(whole, tmp_path):
             assert (out / image["file_name"]).samefile(whole / original["file_name"])
             assert image | {"file_name": original["file_name"]} == original
         assert table | {"images": own["images"]} == own
+        [category] = bop.read_json(one_class / f"{split}.json")["categories"]
+        assert category == {**own["categories"][0], "id": 1, "name": "drone"}
+        drones = bop.read_json(one_class / f"{split}.json")["annotations"]
+        assert {drone["category_id"] for drone in drones} == {1}
+        assert [drone["bbox"] for drone in drones] == [drone["bbox"] for drone in own["annotations"]]
 
 
 def test_torchvision_takes_a_training_step(whole, tmp_path):

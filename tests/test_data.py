@@ -18,6 +18,7 @@ from dronekeypp.data import KEYS, open_dataset
 from dronekeypp.errors import InputError
 from dronekeypp.model import DroneKeyPP
 from dronekeypp.presets import TrainConfig
+from dronekeypp.train import run
 
 SAMPLES = Path(__file__).parents[1] / "data_samples"
 
@@ -332,6 +333,23 @@ def test_one_drone_is_enough(folder, tmp_path):
     quick = ["--set", "epochs=1", "--set", "batch=7", "--set", "device=cpu"]
     assert main(["train", str(folder), "--out", str(tmp_path / "run"), *quick]) == 0
     assert main(["evaluate", str(tmp_path / "run"), str(folder)]) == 0
+
+
+@pytest.mark.parametrize("apart", [False, True])
+def test_a_class_that_validation_cannot_know_is_told(folder, tmp_path, capsys, monkeypatch, apart):
+    """Random quadrotors: each is a class of its own, and none flies in two splits."""
+    monkeypatch.setattr(run, "train_on", lambda *given, **settings: None)
+    train_set, val_set = open_dataset(folder, "train"), open_dataset(folder, "val")
+    flights = {"train": [], "val": []}
+    for dataset, split in ((train_set, "train"), (val_set, "val")):
+        for place, label in zip(dataset.folders, dataset.labels, strict=True):
+            if not apart or (label < 4) == (split == "train"):
+                flights[split].append(place.relative_to(folder).as_posix())
+    for split, places in flights.items():
+        (folder / f"{split}.txt").write_text("\n".join(places))
+    assert main(["train", str(folder), "--out", str(tmp_path / "run")]) == 0
+    printed = capsys.readouterr().out
+    assert ("no drone of val is in train" in printed) == ("meant for `pretrain`" in printed) == apart
 
 
 def test_without_keypoints_the_pose_is_still_measured(folder, plain_folder, tmp_path):

@@ -19,7 +19,7 @@ from dronekeypp.classes import DroneClass
 from dronekeypp.cli import main
 from dronekeypp.data import open_dataset
 from dronekeypp.errors import InputError
-from dronekeypp.evaluate import evaluate_checkpoint
+from dronekeypp.evaluate import command, evaluate_checkpoint
 from dronekeypp.evaluate.bop_measures import MSPD_THRESHOLDS, MSSD_THRESHOLDS, recall
 from dronekeypp.evaluate.pose_errors import add, adds, mspd, mssd
 from dronekeypp.sixdronesyn.object_shapes import read_shapes, symmetries_of
@@ -240,8 +240,8 @@ class Oracle:
 def oracle(folder, monkeypatch):
     """Call it to put an Oracle in the place of every checkpoint."""
 
-    def install(**settings):
-        network = Oracle(open_dataset(folder, "test", size=32), **settings)
+    def install(root=folder, **settings):
+        network = Oracle(open_dataset(root, "test", size=32), **settings)
         monkeypatch.setattr(checkpoint, "load", lambda source: network)
 
     return install
@@ -259,7 +259,7 @@ def test_the_truth_has_no_error_and_its_results_are_the_annotations(folder, orac
         "any", folder, json_file=tmp_path / "rows.json", bop_file=tmp_path / "results.csv", progress=False
     )
     printed = capsys.readouterr().out
-    assert "MSSD %" in printed and "ADD-S" not in printed
+    assert "MSSD %" in printed and "ADD-S" not in printed and "cam_K" not in printed
     stored = json.loads((tmp_path / "rows.json").read_text())
     for row in [*rows, *stored["rows"], *stored["averages"]]:
         assert row["add_recall"] == row["mssd_recall"] == row["mspd_recall"] == 1
@@ -292,6 +292,7 @@ def test_the_number_is_that_of_the_named_drone(folder, oracle, tmp_path):
     assert object_numbers([DroneClass(name) for name in names], {}) == [1, 2, 3, 4, 5, 6, 7]
     objects = {4: DroneClass("Mini2"), 9: DroneClass("Air3")}
     assert object_numbers([DroneClass(name) for name in names], objects) == [9, 10, 4, 11, 12, 13, 14]
+    assert object_numbers([DroneClass("Quad0"), DroneClass("Quad1")], objects) == [10, 11]
     path = folder / "models" / "models_info.json"
     info = json.loads(path.read_text())
     for number, drone in info.items():
@@ -319,6 +320,28 @@ def test_without_meshes_the_field_is_left_out(folder, oracle, capsys):
     change_models(folder, 1, diameter=None)
     evaluate_checkpoint("any", folder, progress=False)
     assert "models_info.json has no diameter of object 1" in capsys.readouterr().out
+
+
+def test_the_pixels_of_crops_are_said_to_be_the_frames(oracle, tmp_path, capsys):
+    crops = FRAMES.parent / "crops"
+    oracle(root=crops)
+    evaluate_checkpoint("any", crops, progress=False)
+    assert "MSPD is in pixels of the whole frame; BOP's toolkit takes" in capsys.readouterr().out
+
+
+def test_a_broken_mesh_costs_its_errors_and_nothing_else(folder, oracle, tmp_path, capsys, monkeypatch):
+    """It is read before the network has run, and what the network says is not lost."""
+    oracle()
+    (folder / "models" / "obj_000003.ply").write_text("no mesh")
+    read, order = command.read_shapes, []
+    monkeypatch.setattr(command, "read_shapes", lambda *given: order.append("shapes") or read(*given))
+    measure = command.evaluate
+    monkeypatch.setattr(command, "evaluate", lambda *a, **k: order.append("network") or measure(*a, **k))
+    rows = evaluate_checkpoint("any", folder, bop_file=tmp_path / "poses.csv", progress=False)
+    assert order == ["shapes", "network"]
+    assert "mssd_recall" not in rows[0] and len(results_of(tmp_path / "poses.csv")) == 21
+    printed = capsys.readouterr().out
+    assert "no ADD, MSSD and MSPD: " in printed and "obj_000003.ply: not a whole PLY file" in printed
 
 
 def test_flights_without_numbers_cannot_be_bop_results(folder, oracle, tmp_path, capsys):

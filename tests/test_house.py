@@ -18,6 +18,7 @@ FLOORS = (
     ("camera", "rotations", "pnp", "augment"),
     ("environments",),
     ("sixdronesyn",),
+    ("stored",),
     ("frame_dataset",),
     ("data",),
     ("checkpoint",),

@@ -15,7 +15,14 @@ from fakes import FakeDrones, saved, tiny
 from tqdm import tqdm
 
 from dronekeypp import checkpoint
-from dronekeypp.camera import from_crop, to_crop
+from dronekeypp.camera import (
+    clamp_square,
+    crop_image,
+    crop_intrinsics,
+    from_crop,
+    square_around,
+    to_crop,
+)
 from dronekeypp.classes import DroneClass, names_of
 from dronekeypp.cli import main
 from dronekeypp.data import open_dataset
@@ -270,9 +277,9 @@ def test_a_killed_run_goes_on(footage, small, names, tmp_path, monkeypatch):
     journal.write_text(journal.read_text() + "4,shot_4.jpg,ok,12.")  # half a row
     seen = []
 
-    def counts(network, calibration, crops):
+    def counts(network, crops):
         seen.append(len(crops))
-        real(network, calibration, crops)
+        real(network, crops)
 
     monkeypatch.setattr(batches, "fill", counts)
     poses = predict(small, images, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=False)
@@ -637,6 +644,79 @@ def test_a_bop_scene_names_the_drones_by_its_own_numbers(scene, tmp_path):
     predict(tmp_path / "net", folder, camera, tmp_path / "out", box=box, overlay=False, progress=False)
     rows = csv.DictReader((tmp_path / "out" / POSES).read_text().splitlines())
     assert [row["obj_id"] for row in rows] == ["5", "5", "5"]
+
+
+@pytest.fixture
+def crops(frames, tmp_path):
+    """Scene 7 of a BOP data set: crops of three whole frames, as the second edition stores them.
+
+    Its folder, the indices into `frames`, and a file with the boxes.
+    """
+    folder = tmp_path / "crops" / "test" / "000007"
+    (folder / "rgb").mkdir(parents=True)
+    chosen, cameras, infos, boxes = [0, 7, 13], {}, {}, ["frame,x,y,w,h"]
+    for number, index in enumerate(chosen):
+        frame = frames.frames[index]
+        square = clamp_square(square_around(frame.box, 1.3), 1920, 1080)
+        crop = crop_image(frames.stored_image(index), square, 256)
+        cv2.imwrite(str(folder / "rgb" / f"{number:06d}.png"), crop[..., ::-1])
+        K = crop_intrinsics(frame.K, square, 256)
+        cameras[str(number)] = {"cam_K": K.ravel().tolist(), "cam_K_frame": frame.K.ravel().tolist()}
+        infos[str(number)] = [{"crop": square.tolist()}]
+        corner, extent = frame.box[:2] - square[:2], frame.box[2:]
+        box = np.concatenate([corner, extent]) * 256 / square[2]
+        boxes.append(f"{number},{','.join(str(value) for value in box)}")
+    (folder / "scene_camera.json").write_text(json.dumps(cameras))
+    (folder / "scene_gt_info.json").write_text(json.dumps(infos))
+    (tmp_path / "crops.csv").write_text("\n".join(boxes))
+    return folder, chosen, tmp_path / "crops.csv"
+
+
+def test_every_image_of_a_bop_scene_has_its_own_camera(crops, frames, tmp_path):
+    """The pose in a crop is the pose in the whole frame."""
+    folder, chosen, boxes = crops
+    camera = folder / "scene_camera.json"
+    poses = predict(CHECKPOINT, folder, camera, tmp_path / "out", boxes=boxes, progress=False)
+    model = DroneKeyPP.from_pretrained(CHECKPOINT)
+    for pose, index in zip(poses, chosen, strict=True):
+        item = frames[index]
+        with torch.inference_mode():
+            whole = model(item["image"][None], item["K"][None], item["square"][None])
+        assert geodesic_degrees(torch.tensor(pose.R), whole["R"][0].double()) < 3
+        np.testing.assert_allclose(pose.t, whole["t"][0], rtol=0.03, atol=0.05)
+    assert numbers_of_poses(tmp_path / "out") == [(7, 0), (7, 1), (7, 2)]
+    one = tmp_path / "one"
+    box = tuple(float(value) for value in boxes.read_text().splitlines()[2].split(",")[1:])
+    [pose] = predict(CHECKPOINT, folder / "rgb" / "000001.png", camera, one, box=box, progress=False)
+    np.testing.assert_allclose(pose.t, poses[1].t, atol=1e-3)
+
+
+def test_cameras_that_are_not_those_of_the_images_are_refused(crops, small, tmp_path):
+    folder, _, boxes = crops
+    camera = folder / "scene_camera.json"
+    content = camera.read_text()
+
+    def refused(match, camera, footage=folder):
+        with pytest.raises(InputError, match=match):
+            predict(small, footage, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=False)
+
+    shutil.copy(camera, tmp_path)
+    refused("frame 0: crops, and each has a camera of its own; give .*000007", tmp_path / camera.name)
+    shutil.copytree(folder / "rgb", tmp_path / "alone")
+    refused("not one camera for all of them; each frame gets", tmp_path / camera.name, tmp_path / "alone")
+    table = json.loads(content)
+    camera.write_text(json.dumps({number: table[number] for number in "01"}))
+    refused("frame 2: crops of the first edition", camera)
+    (folder / "scene_gt_info.json").rename(tmp_path / "infos.json")
+    refused("scene_camera.json: no cam_K of frame 2", camera)
+    camera.write_text(json.dumps({**table, "1": {"cam_K": [1, 2]}}))
+    refused("scene_camera.json frame 1: cam_K needs 3×3 numbers", camera)
+    (tmp_path / "infos.json").rename(folder / "scene_gt_info.json")
+    for entry in table.values():
+        entry["cam_K"] = entry.pop("cam_K_frame")
+    camera.write_text(json.dumps(table))
+    refused("scene_gt_info.json frame 0: crops of the first edition, whose cam_K is not theirs", camera)
+    assert not (tmp_path / "out").exists()
 
 
 def test_coco_sets_of_several_videos(tmp_path):

@@ -74,6 +74,10 @@ def generate(p: ArgumentParser) -> None:
     size = "side of a crop (default 128; whole frames ignore it)"
     environments = "your own equirectangular images (default: 22 procedural ones)"
     quadrotors = "random quadrotors A to B − 1 in place of the seven drones (edition 2)"
+    edition = (
+        "1 (default): what the recorded numbers are of; "
+        "2: mended shapes, a lens a flight, complete BOP files (always with --quadrotors)"
+    )
     p.add_argument("out", type=Path)
     p.add_argument("--scenes", type=numbers, metavar="6,7", help="scene numbers, 1 to 13 (default: all)")
     p.add_argument("--drones", type=words, metavar="Mini2,Tello", help="drone names (default: all)")
@@ -85,7 +89,7 @@ def generate(p: ArgumentParser) -> None:
     p.add_argument("--workers", type=int, default=1, metavar="N", help="processes")
     p.add_argument("--shard", type=shard, default=(0, 1), metavar="I/N", help="render only part I of N")
     p.add_argument("--quadrotors", type=interval, metavar="A:B", help=quadrotors)
-    p.add_argument("--edition", type=int, metavar="N", help="of the data set: 1 (default) or 2")
+    p.add_argument("--edition", type=int, metavar="N", help=edition)
     p.add_argument("--depth", action="store_true", help="also write depth images (edition 2)")
     p.add_argument("--masks", action="store_true", help="also write masks of the drone (edition 2)")
 
@@ -101,7 +105,7 @@ def convert(p: ArgumentParser) -> None:
     p.add_argument("--to", required=True, choices=("yolo", "coco"), help=to)
     p.add_argument("--out", type=Path, metavar="DIR", help=out)
     p.add_argument("--keypoints", action="store_true", help="yolo: labels for its task `pose`")
-    p.add_argument("--types", action="store_true", help="yolo: a class for each drone (default: one class)")
+    p.add_argument("--types", action="store_true", help="a class for each drone (default: one class)")
 
 
 def pretrain(p: ArgumentParser) -> None:
@@ -137,7 +141,7 @@ def evaluate(p: ArgumentParser) -> None:
 
 def predict(p: ArgumentParser) -> None:
     footage = "a video, a folder of images, one image, or a scene of a BOP data set"
-    camera = "calibration as OpenCV writes it (YAML, XML, JSON), or plain JSON"
+    camera = "calibration as OpenCV writes it (YAML, XML, JSON), plain JSON, or a scene_camera.json"
     boxes = "of the drone, from any detector: COCO JSON, YOLO txt (folder), CSV, MOT"
     first = "of the drone in the first frame, without such a file; a tracker carries it on"
     smooth = "sigma of a Gaussian over the poses (default 0: none)"

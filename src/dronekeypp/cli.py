@@ -183,7 +183,7 @@ VERBS: tuple[tuple[str, str, Callable[[ArgumentParser], None], Verb], ...] = (
     ),
     (
         "pretrain",
-        "train a backbone on the training scenes, the stand-in for ImageNet weights",
+        "train a backbone, the stand-in for ImageNet weights",
         arguments.pretrain,
         _pretrain,
     ),

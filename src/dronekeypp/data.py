@@ -22,6 +22,9 @@ scene_camera.json has `cam_K_frame`, the camera matrix of the full frame, `cam_K
 keypoints_2d and bbox_obj are in pixels of the crop. They are handed out in pixels of the full frame all the
 same.
 
+A picture without a drone has an empty list in scene_gt.json. It is no item, and neither is a drone whose box
+has its middle outside the picture; `convert` writes both for a detector.
+
 Keypoints that are not annotated follow from the pose and the hubs; those may also stand in each annotation,
 as keypoints_body. All frames of a flight lie in one folder, and what is measured over flights takes each
 folder for one flight.

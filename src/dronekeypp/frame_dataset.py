@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +17,7 @@ from dronekeypp.camera import CROP_MARGIN, clamp_square, crop_image, square_arou
 from dronekeypp.classes import DroneClass, names_of
 from dronekeypp.errors import InputError
 from dronekeypp.sixdronesyn import bop, folders, scenes
+from dronekeypp.stored import StoredFrame
 
 ALWAYS = ("image", "K", "square", "label", "scene", "subsequence", "frame")
 # Where the others come from on disk, for the message that one is missing.
@@ -28,29 +28,6 @@ ON_DISK = {
     "t": "cam_t_m2c in scene_gt.json",
     "visible": "keypoints_visible in scene_gt.json",
 }
-
-
-@dataclass(frozen=True)
-class StoredFrame:
-    """This is one drone in one picture, and where it comes from.
-
-    Attributes:
-        annotation: what the flight's three files say of it.
-        folder: the flight's folder.
-        image: the picture's file.
-        digest: what the picture's bytes must have, or None where nobody says.
-        scene, subsequence: the numbers of its scene and of its flight.
-        width, height: the size of the whole frame, pixels.
-    """
-
-    annotation: bop.Frame
-    folder: Path
-    image: Path
-    digest: str | None
-    scene: int
-    subsequence: int
-    width: int
-    height: int
 
 
 class FrameDataset(Dataset):
@@ -76,7 +53,9 @@ class FrameDataset(Dataset):
         objects: the same classes by their object numbers.
         keys: the keys that every item has.
         stored: what is known of each frame (`StoredFrame`).
-        left_out: how many drones were left out, because their box has its middle outside the picture.
+        outside: the drones that were left out, because their box has its middle outside the picture.
+        empty: the pictures that are known to hold no drone.
+        unannotated: how many pictures scene_gt.json says nothing of.
         manifest: the manifest of 6DroneSyn; {} for any other folder.
 
     Raises:
@@ -102,21 +81,31 @@ class FrameDataset(Dataset):
         models = bop.read_models(self.root) or folders.unnamed_objects(self.root)
         self.objects, self.drones = models, tuple(models.values())
         self._numbers = list(models)
-        self.left_out = 0  # drones whose box has its middle outside the picture
         self.stored: list[StoredFrame] = []
+        self.outside: list[StoredFrame] = []
+        self.empty: list[StoredFrame] = []
+        self.unannotated = 0
         for order, (folder, wanted) in enumerate(flights.items()):
-            frames = self._read_flight(folder, order, models)
+            frames = self._read_flight(folder, order, models, wanted)
             if wanted is not None:
-                folders.check_listed(folder, wanted, {frame.annotation.number for frame in frames})
-                frames = [frame for frame in frames if frame.annotation.number in wanted]
-            self.stored += frames[::stride]
+                folders.check_listed(folder, wanted, {frame.number for frame in frames})
+                frames = [frame for frame in frames if frame.number in wanted]
+            self._sort_in(frames, stride)
         self._keep(drones)
         if not self.stored:
             raise InputError(f"{self.root}: no {split} frames")
         self.keys = self._common_keys()
 
-    def _read_flight(self, folder: Path, order: int, models: dict[int, DroneClass]) -> list[StoredFrame]:
-        """Read the frames of a flight, which is number `order` of its split."""
+    def _read_flight(
+        self, folder: Path, order: int, models: dict[int, DroneClass], wanted: set[int] | None
+    ) -> list[StoredFrame]:
+        """Read the frames of a flight, which is number `order` of its split.
+
+        Where the split has a list, `wanted` are the frames of the flight that it names.
+
+        Raises:
+            InputError: also where crops are stored, and only their own size is known.
+        """
         images = folders.stored_images(folder)
         if self.manifest:
             annotations, flight = bop.read_flight(folder, models, (scenes.WIDTH, scenes.HEIGHT))
@@ -127,7 +116,12 @@ class FrameDataset(Dataset):
             width, height = folders.frame_size(self.root, folder, images)
             digests = {}
             place = (order, order, width, height)
-            annotations = self._in_the_picture(folder, annotations, width, height)
+            crops = any(annotation.square is not None for annotation in annotations)
+            if crops and not (self.root / folders.CAMERA).is_file():
+                raise InputError(
+                    f"{folder}: crops are stored, so {self.root / folders.CAMERA} must say "
+                    "the width and height of the whole frames"
+                )
         frames = []
         for annotation in annotations:
             image = images.get(annotation.number)
@@ -135,28 +129,42 @@ class FrameDataset(Dataset):
                 raise InputError(f"{folder / 'rgb'}: no picture of frame {annotation.number}")
             image = image or bop.image_path(folder, annotation.number)
             frames.append(StoredFrame(annotation, folder, image, digests.get(annotation.number), *place))
+        if not self.manifest:
+            annotated = {annotation.number for annotation in annotations}
+            for image in self._pictures_without_a_drone(folder, images, annotated, wanted):
+                frames.append(StoredFrame(None, folder, image, None, *place))
         return frames
 
-    def _in_the_picture(
-        self, folder: Path, annotations: list[bop.Frame], width: int, height: int
-    ) -> list[bop.Frame]:
-        """Leave out, and count, the drones whose box has its middle outside the picture.
-
-        Raises:
-            InputError: crops are stored, and only their own size is known.
-        """
+    def _sort_in(self, frames: Sequence[StoredFrame], stride: int) -> None:
+        """Put the frames of a flight where they belong: `stored`, `outside` or `empty`."""
         inside = []
-        for frame in annotations:
-            if frame.square is not None and not (self.root / folders.CAMERA).is_file():
-                raise InputError(
-                    f"{folder}: crops are stored, so {self.root / folders.CAMERA} must say "
-                    "the width and height of the whole frames"
-                )
-            x, y = frame.box[:2] + frame.box[2:] / 2
-            if 0 <= x <= width and 0 <= y <= height:
+        for frame in frames:
+            if frame.annotation is None:
+                self.empty.append(frame)
+            elif self.manifest or frame.middle_inside:
                 inside.append(frame)
-        self.left_out += len(annotations) - len(inside)
-        return inside
+            else:
+                self.outside.append(frame)
+        self.stored += inside[::stride]
+
+    def _pictures_without_a_drone(
+        self, folder: Path, images: dict[int, Path], annotated: set[int], wanted: set[int] | None
+    ) -> list[Path]:
+        """Return the pictures of a flight of which scene_gt.json says that there is no drone.
+
+        Those of which it says nothing are counted, unless the split has a list that does not name them.
+        """
+        rest = {number: path for number, path in images.items() if number not in annotated}
+        if not rest:
+            return []
+        truths = {int(key): value for key, value in bop.read_json(folder / bop.SCENE_FILES[1]).items()}
+        empty = []
+        for number, path in rest.items():
+            if isinstance(truths.get(number), list):
+                empty.append(path)
+            elif wanted is None or number in wanted:
+                self.unannotated += 1
+        return empty
 
     def _keep(self, names: Sequence[str] | None) -> None:
         """Leave out the frames of other drones than those named.
@@ -209,6 +217,11 @@ class FrameDataset(Dataset):
         return [self._numbers.index(frame.annotation.obj_id) for frame in self.stored]
 
     @property
+    def left_out(self) -> int:
+        """Return how many drones were left out, because their box has its middle outside the picture."""
+        return len(self.outside)
+
+    @property
     def digest(self) -> str | None:
         """Return what tells these data from others: of the drones and the annotations, or 6DroneSyn's own."""
         if self.manifest:
@@ -229,23 +242,8 @@ class FrameDataset(Dataset):
         self.epoch = epoch
 
     def stored_image(self, index: int) -> np.ndarray:
-        """Read the image on disk as uint8 RGB.
-
-        Returns:
-            (size, size, 3) for a stored crop, or (H, W, 3) for a whole frame.
-
-        Raises:
-            InputError: the image is missing or cut off, or a whole frame has another size than its data set
-                says.
-        """
-        frame = self.stored[index]
-        image = folders.read_image(frame.image, frame.digest)
-        height, width = image.shape[:2]
-        if frame.annotation.square is None and (width, height) != (frame.width, frame.height):
-            raise InputError(
-                f"{frame.image}: {width}×{height} pixels, its data set has {frame.width}×{frame.height}"
-            )
-        return image
+        """Read the image on disk as uint8 RGB, see `StoredFrame.read`."""
+        return self.stored[index].read()
 
     def _generator(self, index: int, purpose: int) -> np.random.Generator:
         """Return the random numbers of one item in this epoch; each `purpose` has its own."""

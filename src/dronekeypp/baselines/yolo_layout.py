@@ -61,6 +61,6 @@ def write_data_yaml(out: Path, splits: Sequence[str], names: Sequence[str], keyp
         lines += ["kpt_shape: [4, 3]", "flip_idx: [1, 0, 3, 2]"]
     lines.append("names:")
     for i, name in enumerate(names):
-        lines.append(f"  {i}: {json.dumps(name)}")
+        lines.append(f"  {i}: {json.dumps(name, ensure_ascii=False)}")
     write_beside(out / "data.yaml", ("\n".join(lines) + "\n").encode())
     return out / "data.yaml"

@@ -6,6 +6,9 @@ A pose counts as correct where its error is below a threshold:
     MSSD        0.05, 0.10, … 0.50 of the diameter; the recall is the mean over the ten
     MSPD        5r, 10r, … 50r pixels, where r is the frame's width over 640; the recall is the mean again
 
+Pixels are always those of the whole frame. BOP's toolkit takes those of cam_K, and one width for all images.
+So its MSPD of stored crops of the second edition, whose cam_K is the crop's, is another.
+
 Like our other errors these are measured with the true drone's shape, whichever drone the network names, and
 over the frames that there are. BOP's own score also counts a drone that was called by another name as missed.
 """
@@ -56,6 +59,7 @@ LEGEND = (
     "ADD %: below a tenth of the diameter; MSSD %, MSPD %: mean over BOP's ten thresholds "
     "(0.05 to 0.5 of the diameter; 5 to 50 px at a width of 640)"
 )
+OF_CROPS = "MSPD is in pixels of the whole frame; BOP's toolkit takes those of cam_K (edition 2: of the crop)"
 
 
 def bop_errors(

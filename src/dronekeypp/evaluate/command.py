@@ -6,7 +6,7 @@ This is `python -m dronekeypp evaluate`.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ from tqdm import tqdm
 from dronekeypp import checkpoint, data
 from dronekeypp.classes import are_named, names_of
 from dronekeypp.errors import InputError
-from dronekeypp.evaluate.bop_measures import BOP_COLUMNS, BOP_MEASURES, LEGEND, bop_errors
+from dronekeypp.evaluate.bop_measures import BOP_COLUMNS, BOP_MEASURES, LEGEND, OF_CROPS, bop_errors
 from dronekeypp.evaluate.run import check_writable, evaluate, share_drones, tells_drones_apart
 from dronekeypp.evaluate.statistics import (
     MEASURES,
@@ -29,9 +29,10 @@ from dronekeypp.evaluate.statistics import (
     summarise,
 )
 from dronekeypp.files import write_beside
-from dronekeypp.frame_dataset import FrameDataset, Relabelled, StoredFrame
-from dronekeypp.sixdronesyn.object_shapes import read_shapes
+from dronekeypp.frame_dataset import FrameDataset, Relabelled
+from dronekeypp.sixdronesyn.object_shapes import ObjectShape, read_shapes
 from dronekeypp.sixdronesyn.results import Estimate, object_numbers, results_csv
+from dronekeypp.stored import StoredFrame
 
 
 def evaluate_checkpoint(
@@ -79,13 +80,15 @@ def evaluate_checkpoint(
             f"{dataset_root}: {whole.left_out} drones left out, the middle of whose box is not in the picture"
         )
 
+    shapes, no_shapes = shapes_of(dataset, whole)
+
     def show(batches: DataLoader) -> tqdm:
         return tqdm(batches, split, leave=False, disable=None if progress else True)
 
     frames = evaluate(model, dataset, progress=show, keep=("class_probs",))
     named = tells_drones_apart(model) and are_named(model.drones)
     classes = model.drones if named else whole.drones
-    field, note = field_errors(frames, dataset, whole)
+    field, note = field_errors(frames, dataset, whole, shapes, no_shapes)
     frames |= field
     measures = {**MEASURES, **BOP_MEASURES} if field else MEASURES
     rows = summarise(frames, names_of(classes), measures, method=model.method)
@@ -108,8 +111,27 @@ def evaluate_checkpoint(
     return rows
 
 
+def shapes_of(dataset: FrameDataset | Relabelled, whole: FrameDataset) -> tuple[dict[int, ObjectShape], str]:
+    """Return the shapes of the objects in a data set by their numbers, and "".
+
+    Where one of them is missing or cannot be read, there are no shapes, and the text says why.
+
+    Args:
+        dataset: the frames that are measured.
+        whole: the data set that they are from.
+    """
+    try:
+        return read_shapes(whole.root, {frame.annotation.obj_id for frame in dataset.stored})
+    except InputError as error:
+        return {}, str(error)
+
+
 def field_errors(
-    frames: Frames, dataset: FrameDataset | Relabelled, whole: FrameDataset
+    frames: Frames,
+    dataset: FrameDataset | Relabelled,
+    whole: FrameDataset,
+    shapes: Mapping[int, ObjectShape],
+    no_shapes: str,
 ) -> tuple[Frames, str]:
     """Return what `bop_errors` returns, and the line that goes under its table.
 
@@ -119,14 +141,15 @@ def field_errors(
         frames: the arrays of `evaluate` on `dataset`.
         dataset: the frames that were measured.
         whole: the data set that they are from.
+        shapes, no_shapes: what `shapes_of` returns.
     """
     if not answers_pose(frames):
         return {}, "no ADD, MSSD and MSPD: the network answers no pose"
-    numbers = {frame.annotation.obj_id for frame in dataset.stored}
-    shapes, missing = read_shapes(whole.root, numbers)
-    if missing:
-        return {}, f"no ADD, MSSD and MSPD: {missing}"
+    if no_shapes:
+        return {}, f"no ADD, MSSD and MSPD: {no_shapes}"
     note = LEGEND
+    if any(frame.annotation.square is not None for frame in dataset.stored):
+        note += f"; {OF_CROPS}"
     symmetric = [whole.objects[number].name for number, shape in shapes.items() if shape.symmetric]
     if symmetric:
         note += f"; of {', '.join(symmetric)} ADD is ADD-S"

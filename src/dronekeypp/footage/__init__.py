@@ -4,7 +4,7 @@ The drone's boxes come from any detector, or from one box and a tracker.
 """
 
 from dronekeypp.footage.boxes import check_box, read_boxes
-from dronekeypp.footage.camera import Calibration, read_camera
+from dronekeypp.footage.camera import Calibration, read_camera, read_cameras
 from dronekeypp.footage.pictures import IMAGES, VIDEOS, BopScene, Footage, open_footage, read_picture
 from dronekeypp.footage.tracker import Tracker
 
@@ -19,5 +19,6 @@ __all__ = [
     "open_footage",
     "read_boxes",
     "read_camera",
+    "read_cameras",
     "read_picture",
 ]

@@ -13,6 +13,7 @@ import numpy as np
 from dronekeypp.camera import check_intrinsics
 from dronekeypp.errors import InputError
 from dronekeypp.files import read_json
+from dronekeypp.footage.pictures import CAMERA_FILE, BopScene, Footage
 
 MATRIX = ("camera_matrix", "K", "cameraMatrix")
 DISTORTION = ("distortion_coefficients", "dist_coeffs", "dist_coeff", "distCoeffs", "D")
@@ -98,8 +99,8 @@ def read_camera(path: str | Path) -> Calibration:
     OpenCV's own format is YAML, XML or JSON, as its calibration sample writes it. The entries read are
     `camera_matrix` (or cameraMatrix, K), `distortion_coefficients` (or dist_coeffs, distCoeffs, D),
     `image_width` and `image_height`. OpenCV counts pixel centres from 0 and this package from 0.5, so the
-    principal point is moved by half a pixel. The `scene_camera.json` of a flight of 6DroneSyn is read as
-    well, and it counts as this package does.
+    principal point is moved by half a pixel. The `scene_camera.json` of a BOP scene with one camera is read
+    as well, and it counts as this package does.
 
     Raises:
         InputError: The file is not found or unreadable. It holds no camera matrix, one that is not valid, or
@@ -108,7 +109,7 @@ def read_camera(path: str | Path) -> Calibration:
     path = Path(path)
     if not path.is_file():
         raise InputError(f"{path}: camera file not found")
-    if path.name == "scene_camera.json":
+    if path.name == CAMERA_FILE:
         values, shift = {"K": _matrix_of_a_flight(path)}, 0.0
     else:
         values, shift = _plain_json(path) or _opencv_nodes(path), 0.5
@@ -148,6 +149,74 @@ def read_camera(path: str | Path) -> Calibration:
     return Calibration(K, distortion, size)
 
 
+def read_cameras(path: str | Path, footage: Footage) -> list[Calibration]:
+    """Read the calibration of every frame of some footage, in order.
+
+    Where the frames are those of a BOP scene, and the file is its scene_camera.json and does not say the same
+    of all frames, every frame has its own. Otherwise all have that of `read_camera`.
+
+    Raises:
+        InputError: As `read_camera` raises it. Or the file lacks a frame of the scene, or the frames are
+            crops and the file does not hold their camera matrices.
+    """
+    path, scene = Path(path), footage.bop_scene
+    own = scene is not None and path.resolve() == scene.folder / CAMERA_FILE
+    if scene is not None:
+        _check_crops(scene, own)
+    entries = _read_object(path) if own else {}
+    if len({str(_matrix_of(entry)) for entry in entries.values()}) < 2:
+        return [read_camera(path)] * len(footage.names)
+    matrices = _by_number(entries)
+    calibrations = []
+    for number in scene.images:
+        if _matrix_of(matrices.get(number)) is None:
+            raise InputError(f"{path}: no cam_K of frame {number}")
+        K = _matrix(_matrix_of(matrices[number]), f"{path} frame {number}: cam_K")
+        calibrations.append(Calibration(K))
+    return calibrations
+
+
+def _check_crops(scene: BopScene, own: bool) -> None:
+    """Raise InputError where the frames of a scene are crops, and the camera that is given is not theirs.
+
+    `own` says whether it is that of the scene's own file. A crop has `crop` in scene_gt_info.json, and
+    `cam_K_frame` beside its own cam_K; crops of the first edition have the cam_K of the whole frame.
+    """
+    path = scene.folder / "scene_gt_info.json"
+    if not path.is_file():
+        return
+    infos = _by_number(_read_object(path))
+    cameras = _by_number(_read_object(scene.folder / CAMERA_FILE))
+    for number in scene.images:
+        info, camera = infos.get(number), cameras.get(number)
+        if not isinstance(info, list) or not any(isinstance(i, dict) and i.get("crop") for i in info):
+            continue
+        if not isinstance(camera, dict) or camera.get("cam_K_frame") is None:
+            raise InputError(
+                f"{path} frame {number}: crops of the first edition, whose cam_K is not theirs; "
+                "use `evaluate`, or whole frames"
+            )
+        if not own:
+            raise InputError(
+                f"{path} frame {number}: crops, and each has a camera of its own; "
+                f"give {scene.folder / CAMERA_FILE}"
+            )
+
+
+def _by_number(entries: dict[str, Any]) -> dict[int, Any]:
+    """Return what a file of a BOP scene says of each frame, by the frame's number."""
+    return {int(key): entry for key, entry in entries.items() if key.isdecimal()}
+
+
+def _matrix(values: Any, where: str) -> np.ndarray:
+    """Return a camera matrix (3, 3), or raise InputError with a message that begins with `where`."""
+    try:
+        K = np.array(values, dtype=np.float64).reshape(3, 3)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{where} needs 3×3 numbers ({error})") from None
+    return check_intrinsics(K, where)
+
+
 def _first_of(values: dict[str, Any], names: Sequence[str]) -> Any:
     """Return the first value under one of several names, or None."""
     for name in names:
@@ -176,11 +245,19 @@ def _read_object(path: Path) -> dict[str, Any]:
 
 def _matrix_of_a_flight(path: Path) -> Any:
     """Return the cam_K that all frames of a BOP scene_camera.json share."""
-    frames = _read_object(path).values()
-    cameras = [frame.get("cam_K") if isinstance(frame, dict) else None for frame in frames]
+    cameras = [_matrix_of(frame) for frame in _read_object(path).values()]
     if not cameras or any(camera != cameras[0] for camera in cameras):
-        raise InputError(f"{path}: {len(cameras)} frames, and not one camera for all of them")
+        raise InputError(
+            f"{path}: {len(cameras)} frames, and not one camera for all of them; each frame gets its own "
+            f"where the pictures have numbers for names, in a folder beside {CAMERA_FILE} in a folder that "
+            "has a number for a name, too"
+        )
     return cameras[0]
+
+
+def _matrix_of(entry: Any) -> Any:
+    """Return the cam_K in an entry of a scene_camera.json, or None."""
+    return entry.get("cam_K") if isinstance(entry, dict) else None
 
 
 def _plain_json(path: Path) -> dict[str, Any] | None:

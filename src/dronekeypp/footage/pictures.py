@@ -23,14 +23,22 @@ class BopScene:
     """Hold what a BOP data set calls its scene and the images in it.
 
     Attributes:
-        root: the data set, which holds models/ and the folder of the split.
-        number: of the scene, which its folder is called by.
+        folder: of the scene, which is called by its number.
         images: the number of each image, in the order of the footage.
     """
 
-    root: Path
-    number: int
+    folder: Path
     images: tuple[int, ...]
+
+    @property
+    def root(self) -> Path:
+        """Return the data set, which holds models/ and the folder of the split."""
+        return self.folder.parent.parent
+
+    @property
+    def number(self) -> int:
+        """Return the number of the scene."""
+        return int(self.folder.name)
 
 
 @dataclass(frozen=True)
@@ -81,7 +89,7 @@ class Footage:
         images = tuple(int(stem) for stem in stems)
         if len(set(images)) < len(images):
             return None
-        return BopScene(scene.parent.parent, int(scene.name), images)
+        return BopScene(scene, images)
 
     def digest(self) -> str:
         """Return what tells it from other footage at the same place.

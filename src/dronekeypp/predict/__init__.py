@@ -7,7 +7,7 @@ OUT holds
                     folder beside scene_camera.json) they have its own numbers of scene and images, and of the
                     drones that its models_info.json names. Of other footage scene_id is 0, im_id counts the
                     frames from 0, whatever their files are called, and obj_id is the network's class index
-                    plus 1
+                    plus 1. Drones that models_info.json does not name have numbers behind its last
     overlay.mp4     box, propellers, body axes, the drone's name and its distance, drawn on the footage (of
                     one image: overlay.png)
     trajectory.png  the path in space

@@ -36,6 +36,7 @@ class Crop:
     row: Row  # of the journal, without an answer yet
     image: np.ndarray  # (S, S, 3) uint8 RGB
     square: np.ndarray  # (3,) x, y, side in the undistorted frame, pixels
+    K: np.ndarray  # (3, 3) camera matrix of that frame, pixels
 
 
 def load_network(path: str | Path) -> checkpoint.Network:
@@ -81,7 +82,7 @@ def _device(network: checkpoint.Network) -> torch.device:
 
 def predicted(
     network: checkpoint.Network,
-    calibration: Calibration,
+    calibrations: Sequence[Calibration],
     size: tuple[int, int],
     frames: Iterable[tuple[int, np.ndarray | None]],
     given: Mapping[int, np.ndarray] | None,
@@ -90,6 +91,8 @@ def predicted(
     """Yield rows of the journal without the frames' names, a list a batch, in the order of the frames.
 
     Args:
+        network: it is asked.
+        calibrations: the camera's, for every frame.
         size: width and height that every frame must have, pixels.
         frames: (number, image) of each, see `Footage.read`.
         given: {frame number: box (x, y, w, h)}; a frame without one has no box.
@@ -103,19 +106,21 @@ def predicted(
         rows.append(row)
         if box is not None:
             row.update(zip(BOX, [f"{value:.2f}" for value in box], strict=True))
+            calibration = calibrations[number]
             straight = calibration.undistort_box(box)
             if _centre_inside(straight, size):
                 square = clamp_square(square_around(straight), *size)
                 straight_image = calibration.undistort(image)
-                crops.append(Crop(row, crop_image(straight_image, square, network.config.image_size), square))
+                crop = crop_image(straight_image, square, network.config.image_size)
+                crops.append(Crop(row, crop, square, calibration.K))
             else:  # straightening cuts the corners off
                 row["status"] = "outside the undistorted frame"
         if len(rows) == BATCH:
-            fill(network, calibration, crops)
+            fill(network, crops)
             yield rows
             rows, crops = [], []
     if rows:
-        fill(network, calibration, crops)
+        fill(network, crops)
         yield rows
 
 
@@ -147,7 +152,7 @@ def _centre_inside(box: np.ndarray, size: tuple[int, int]) -> bool:
     return 0 <= x + w / 2 < size[0] and 0 <= y + h / 2 < size[1]
 
 
-def fill(network: checkpoint.Network, calibration: Calibration, crops: Sequence[Crop]) -> None:
+def fill(network: checkpoint.Network, crops: Sequence[Crop]) -> None:
     """Ask the network about the crops of a batch, and write its answers into their rows."""
     if not crops:
         return
@@ -157,7 +162,8 @@ def fill(network: checkpoint.Network, calibration: Calibration, crops: Sequence[
     images = pixels.permute(0, 3, 1, 2).float().div(255).to(device)
     sides = np.stack([crop.square for crop in crops])
     squares = torch.tensor(sides, dtype=torch.float32, device=device)  # (B, 3)
-    K = torch.tensor(calibration.K, dtype=torch.float32, device=device).expand(len(crops), 3, 3)
+    matrices = np.stack([crop.K for crop in crops])
+    K = torch.tensor(matrices, dtype=torch.float32, device=device)  # (B, 3, 3)
     with torch.inference_mode():
         answer = {}
         for name, value in network(images, K, squares).items():

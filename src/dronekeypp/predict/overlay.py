@@ -89,7 +89,7 @@ def _pixel(point: Sequence[float] | np.ndarray) -> tuple[int, int]:
 def write_overlay(
     out: Path,
     source: Footage,
-    calibration: Calibration,
+    calibrations: Sequence[Calibration],
     poses: Mapping[int, Pose],
     drones: Sequence[DroneClass],
     rate: float,
@@ -101,7 +101,7 @@ def write_overlay(
     Args:
         out: the folder.
         source: the footage.
-        calibration: the camera's calibration.
+        calibrations: the camera's, for every frame.
         poses: {frame number: pose}. A frame without a pose is shown as it is.
         drones: the network's classes.
         rate: frames a second.
@@ -109,7 +109,7 @@ def write_overlay(
     Raises:
         InputError: OpenCV cannot write such a video here, or not the whole of it.
     """
-    images = _drawn_frames(source, calibration, poses, drones)
+    images = _drawn_frames(source, calibrations, poses, drones)
     if len(source.names) == 1:
         for image in images:
             write_beside(out / PICTURE, cv2.imencode(".png", image[..., ::-1])[1].tobytes())
@@ -126,13 +126,17 @@ def write_overlay(
 
 
 def _drawn_frames(
-    source: Footage, calibration: Calibration, poses: Mapping[int, Pose], drones: Sequence[DroneClass]
+    source: Footage,
+    calibrations: Sequence[Calibration],
+    poses: Mapping[int, Pose],
+    drones: Sequence[DroneClass],
 ) -> Iterator[np.ndarray]:
     """Yield the frames that can be read, undistorted, with their poses drawn on them."""
     drone_of = {drone.name: drone for drone in drones}
     for number, image in source.read():
         if image is None:
             continue
+        calibration = calibrations[number]
         image = calibration.undistort(image)
         if number in poses:
             pose = poses[number]

@@ -14,7 +14,7 @@ from dronekeypp.checkpoint import weights_file
 from dronekeypp.classes import names_of
 from dronekeypp.errors import InputError
 from dronekeypp.files import digest, lock_folder, write_beside
-from dronekeypp.footage import Footage, Tracker, check_box, open_footage, read_boxes, read_camera
+from dronekeypp.footage import Footage, Tracker, check_box, open_footage, read_boxes, read_cameras
 from dronekeypp.predict.batches import load_network, predicted
 from dronekeypp.predict.journal import (
     COLUMNS,
@@ -55,7 +55,7 @@ def predict(
         checkpoint: a folder of `save_pretrained`, a run folder, of which best/ is taken, or an ONNX file of
             `export`.
         footage: a video, a folder of images, or one image.
-        camera: see `footage.read_camera`.
+        camera: see `footage.read_cameras`.
         out: the folder to write to. A run that was begun in it goes on.
         boxes: see `footage.read_boxes`.
         box: (x, y, w, h) in the first frame, carried on by a tracker, where there are no `boxes`.
@@ -72,7 +72,8 @@ def predict(
         raise InputError(f"--rate {rate}: frames a second, above 0")
     if not (smooth == 0 or (np.isfinite(smooth) and smooth >= 1e-3)):
         raise InputError(f"--smooth {smooth}: seconds, at least 0.001, or 0 for none")
-    source, calibration = open_footage(footage), read_camera(camera)
+    source = open_footage(footage)
+    calibrations = read_cameras(camera, source)
     rate = source.rate or rate
     if (boxes is None) == (box is None):
         raise InputError("give either --boxes FILE or --box x,y,w,h of the drone in the first frame")
@@ -89,7 +90,7 @@ def predict(
     names = names_of(network.drones)
     numbers = dict(zip(names, object_numbers(network.drones, objects), strict=True))
     width, height = _frame_size(source)
-    calibration = calibration.for_frames(width, height)
+    calibrations = [calibration.for_frames(width, height) for calibration in calibrations]
     given, first_box = None, None
     if boxes is not None:
         given = read_boxes(boxes, source.names, width, height, source.folder)
@@ -109,7 +110,7 @@ def predict(
         frames = tqdm(
             source.read(start), "predict", len(source.names), initial=start, disable=hidden, leave=False
         )
-        batches = predicted(network, calibration, (width, height), frames, given, tracker)
+        batches = predicted(network, calibrations, (width, height), frames, given, tracker)
         append_to_journal(out / JOURNAL, batches, source.names)
         rows = read_journal(out / JOURNAL, names)
         poses = _poses(rows, source, out / JOURNAL)
@@ -119,7 +120,7 @@ def predict(
         write_beside(out / TRAJECTORY, draw_trajectory(poses))
         if overlay:
             pose_of = {pose.frame: pose for pose in poses}
-            write_overlay(out, source, calibration, pose_of, network.drones, rate)
+            write_overlay(out, source, calibrations, pose_of, network.drones, rate)
     if progress:
         skipped = len(rows) - len(poses)
         note = f"; {skipped} without one, see {JOURNAL}" if skipped else ""

@@ -58,19 +58,17 @@ def _numbers_text(values: np.ndarray) -> str:
 def object_numbers(drones: Sequence[DroneClass], objects: Mapping[int, DroneClass]) -> list[int]:
     """Return the object number of each class of a network in a data set.
 
-    Classes and objects are compared by name. Where the data set has none of the drones, a class has its index
-    plus 1. Where it has some, the others get numbers behind its last, which no object of it has.
+    Classes and objects are compared by name. A drone that the data set does not have gets a number behind its
+    last object, which is no object of it. Where nothing is known of the objects, a class has its index plus
+    1.
 
     Args:
         drones: the classes of the network.
         objects: the objects of the data set, by number; {} where nothing is known of them.
     """
     number_of = {drone.name: number for number, drone in objects.items()}
-    names = names_of(drones)
-    if not any(name in number_of for name in names):
-        return list(range(1, len(names) + 1))
-    numbers, free = [], max(objects) + 1
-    for name in names:
+    numbers, free = [], max(objects, default=0) + 1
+    for name in names_of(drones):
         if name in number_of:
             numbers.append(number_of[name])
         else:

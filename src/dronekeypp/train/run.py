@@ -89,6 +89,11 @@ def train(
                 f"classes={model_config.classes}: {dataset_root} has {drones} drones; leave the setting out"
             )
         model_config = model_config.replace(classes=drones)
+        if progress and not set(train_set.labels) & set(val_set.labels):
+            print(
+                f"{dataset_root}: no drone of val is in train, so a class learned there says nothing in val; "
+                "such a data set is meant for `pretrain`"
+            )
     return train_on(train_set, val_set, out, model_config, config, resume, progress, network=network)
 
 

@@ -1,15 +1,4 @@
-"""Write a data set of whole frames as a detector wants it: in Ultralytics' layout, or with COCO files.
-
-A detector finds the box that `predict` needs. Its data lie in a folder of their own:
-
-    OUT/images/SPLIT/FLIGHT_NUMBER.jpg     the data set's own pictures: linked, or copied where that fails
-    OUT/labels/SPLIT/FLIGHT_NUMBER.txt     yolo: one line for each drone, see `baselines.yolo_layout`
-    OUT/data.yaml                          yolo: what Ultralytics is told to train on
-    OUT/SPLIT.json                         coco: of train, val and test; file names start at OUT
-    OUT/convert.json                       what was converted, and how
-
-The splits are the data set's, so every flight lies in one of them.
-"""
+"""Make the folder of `convert`: check the data set, link its pictures, and write what goes beside them."""
 
 from __future__ import annotations
 
@@ -18,23 +7,21 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from tqdm import tqdm
 
-from dronekeypp.baselines.yolo_layout import HIDDEN, SEEN, UNLABELLED, label_line, write_data_yaml
-from dronekeypp.classes import names_of
+from dronekeypp.convert.labels import Pictures, box_inside, write_coco, write_yolo
 from dronekeypp.data import open_dataset, require
 from dronekeypp.errors import InputError
-from dronekeypp.files import lock_folder, read_json, remove_unfinished, write_beside, write_json
-from dronekeypp.frame_dataset import FrameDataset, StoredFrame
+from dronekeypp.files import digest, lock_folder, read_json, remove_unfinished, write_beside, write_json
+from dronekeypp.frame_dataset import FrameDataset
 from dronekeypp.sixdronesyn import folders, scenes
-from dronekeypp.sixdronesyn.coco import coco
+from dronekeypp.sixdronesyn.bop import SCENE_FILES
+from dronekeypp.stored import StoredFrame
 
 FORMATS = ("yolo", "coco")
 RECORD = "convert.json"
 
-# The drones of each picture of a split, as indices into its data set, by the picture's new name.
-Pictures = dict[str, list[int]]
+LAYOUT = 2  # raised when this module writes something else for the same data set
 
 
 def convert(
@@ -47,6 +34,10 @@ def convert(
 ) -> Path:
     """Write a data set of whole frames for a detector, and return the folder.
 
+    Every drone whose box meets its picture is labelled, and a picture without one is written as well, with an
+    empty label. What is left out is printed: drones whose box lies outside, and pictures that scene_gt.json
+    does not mention.
+
     What is there already is left alone. After a kill, the same call goes on; until it has finished, the
     folder is not there.
 
@@ -54,8 +45,10 @@ def convert(
         dataset: 6DroneSyn, or for "yolo" any BOP folder of `dronekeypp.data`.
         to: "yolo" for Ultralytics, "coco" for torchvision and others.
         out: the folder to write to; None: DATASET-yolo or DATASET-coco, beside the data set.
-        keypoints: yolo: labels with four keypoints, for its task "pose". A COCO file has them in any case.
-        types: yolo: one class for each type of drone, and not one class "drone". So has a COCO file.
+        keypoints: yolo: labels with four keypoints, for its task "pose". A COCO file has them in any case. A
+            keypoint in the picture is "seen" where `keypoints_visible` says so or is not there, and "hidden"
+            where that says that it is. One outside the picture or unknown is "unlabelled".
+        types: one class for each type of drone, and not one class "drone".
         progress: whether to print what was done, and to show a bar in a terminal.
 
     Raises:
@@ -63,44 +56,47 @@ def convert(
             two splits; `out` holds something else.
     """
     root = Path(dataset)
-    _check_arguments(to, keypoints, types)
+    _check_arguments(to, keypoints)
     out = Path(out) if out else _beside(root, to)
     splits = _open_splits(root, to, keypoints)
+    pictures = {split: _pictures(frames) for split, frames in splits.items()}
     record = {
+        "layout": LAYOUT,
         "to": to,
         "keypoints": keypoints,
         "types": types,
-        "digests": {split: frames.digest for split, frames in splits.items()},
-        "frames": {split: len(_pictures(frames)) for split, frames in splits.items()},
+        "digests": {split: _digest(frames) for split, frames in splits.items()},
+        "frames": {split: len(names) for split, names in pictures.items()},
     }
     counts = ", ".join(f"{count} {split}" for split, count in record["frames"].items())
     if _is_finished(out, record):
         if progress:
             print(f"{out}: already there, {counts} frames")
         return out
+    if progress:
+        for split, frames in splits.items():
+            _tell_left_out(f"{root} {split}", frames)
     partial = out.with_name(f".{out.name}.partial")
     partial.mkdir(parents=True, exist_ok=True)
     with lock_folder(partial):
         _start(partial, record)
-        _write_pictures(partial, splits, progress)
+        _write_pictures(partial, pictures, progress)
         if to == "yolo":
-            _write_yolo(partial, splits, keypoints, types)
+            write_yolo(partial, splits, pictures, keypoints, types)
         else:
-            _write_coco(partial, root, splits)
+            write_coco(partial, root, splits, pictures, types)
     partial.rename(out)
     if progress:
         print(f"{out}: {counts} frames")
     return out
 
 
-def _check_arguments(to: str, keypoints: bool, types: bool) -> None:
+def _check_arguments(to: str, keypoints: bool) -> None:
     """Raise InputError for arguments of `convert` that do not go together."""
     if to not in FORMATS:
         raise InputError(f"--to {to}: choose {' or '.join(FORMATS)}")
-    if to == "coco" and (keypoints or types):
-        raise InputError(
-            "--keypoints and --types are for --to yolo: a COCO file has keypoints and types in any case"
-        )
+    if to == "coco" and keypoints:
+        raise InputError("--keypoints is for --to yolo: a COCO file has keypoints in any case")
 
 
 def _beside(root: Path, to: str) -> Path:
@@ -167,14 +163,32 @@ def _pictures(frames: FrameDataset) -> Pictures:
         InputError: two pictures would get one name.
     """
     pictures: Pictures = {}
-    for index, frame in enumerate(frames.stored):
+    for frame in (*frames.stored, *frames.outside, *frames.empty):
         name = _picture_name(frame, frames.root / frames.split)
-        indices = pictures.setdefault(name, [])
-        indices.append(index)
-        first = frames.stored[indices[0]].image
-        if first != frame.image:
-            raise InputError(f"{first} and {frame.image} would both be called {name}; rename a flight")
+        same = pictures.setdefault(name, [])
+        same.append(frame)
+        if same[0].image != frame.image:
+            raise InputError(
+                f"{same[0].image} and {frame.image} would both be called {name}; rename a flight"
+            )
     return pictures
+
+
+def _digest(frames: FrameDataset) -> str | None:
+    """Return what tells a split from others, with what `FrameDataset` leaves out of it."""
+    facts = [str(frames.digest)]
+    for frame in (*frames.outside, *frames.empty):
+        facts.append(f"{frame.folder.name} {frame.image.name} {frame.annotation}")
+    return frames.digest if len(facts) == 1 else digest("\n".join(facts).encode())
+
+
+def _tell_left_out(place: str, frames: FrameDataset) -> None:
+    """Print how many drones and pictures of a split get no label, if any."""
+    drones = sum(box_inside(frame) is None for frame in (*frames.stored, *frames.outside))
+    if drones:
+        print(f"{place}: {drones} drones left out, whose box is not in the picture")
+    if frames.unannotated:
+        print(f"{place}: {frames.unannotated} pictures left out, which {SCENE_FILES[1]} does not mention")
 
 
 def _picture_name(frame: StoredFrame, folder: Path) -> str:
@@ -224,16 +238,16 @@ def _start(partial: Path, record: dict[str, Any]) -> None:
     write_json(path, record)
 
 
-def _write_pictures(partial: Path, splits: dict[str, FrameDataset], progress: bool) -> None:
-    """Link the pictures into a folder. Each is read once, so that a broken one is found here."""
-    for split, frames in splits.items():
+def _write_pictures(partial: Path, pictures: dict[str, Pictures], progress: bool) -> None:
+    """Link the pictures of each split into a folder. Each is read once, so a broken one is found here."""
+    for split, names in pictures.items():
         folder = partial / "images" / split
         folder.mkdir(parents=True, exist_ok=True)
-        bar = tqdm(_pictures(frames).items(), split, unit="frame", disable=None if progress else True)
-        for name, indices in bar:
+        bar = tqdm(names.items(), split, unit="frame", disable=None if progress else True)
+        for name, drones in bar:
             if not (folder / name).exists():
-                frames.stored_image(indices[0])
-                _link(frames.stored[indices[0]].image, folder / name)
+                drones[0].read()
+                _link(drones[0].image, folder / name)
 
 
 def _link(source: Path, target: Path) -> None:
@@ -242,50 +256,3 @@ def _link(source: Path, target: Path) -> None:
         os.link(source.resolve(), target)
     except OSError:
         write_beside(target, source.read_bytes())
-
-
-# --- labels -----------------------------------------------------------------------------------------------
-
-
-def _write_yolo(partial: Path, splits: dict[str, FrameDataset], keypoints: bool, types: bool) -> None:
-    """Write a label for each picture, and then data.yaml."""
-    for split, frames in splits.items():
-        folder = partial / "labels" / split
-        folder.mkdir(parents=True, exist_ok=True)
-        labels = frames.labels
-        for name, indices in _pictures(frames).items():
-            lines = []
-            for index in indices:
-                label = labels[index] if types else 0
-                lines.append(_yolo_line(frames.stored[index], label, keypoints) + "\n")
-            write_beside((folder / name).with_suffix(".txt"), "".join(lines).encode())
-    names = names_of(splits["train"].drones) if types else ["drone"]
-    write_data_yaml(partial, list(splits), names, keypoints)
-
-
-def _yolo_line(frame: StoredFrame, label: int, keypoints: bool) -> str:
-    """Return the line of a drone, of which only what lies in the picture counts."""
-    annotation, size = frame.annotation, np.array([frame.width, frame.height])
-    corner = annotation.box[:2].clip(0, size)
-    extent = (annotation.box[:2] + annotation.box[2:]).clip(0, size) - corner
-    box = (*corner, *extent)
-    if not keypoints:
-        return label_line(label, box, (frame.width, frame.height))
-    points = annotation.keypoints_2d
-    inside = ((points >= 0) & (points <= size)).all(axis=1)
-    seen = np.ones(4, dtype=bool) if annotation.visible is None else annotation.visible
-    visibility = np.where(inside, np.where(seen, SEEN, HIDDEN), UNLABELLED)
-    return label_line(label, box, (frame.width, frame.height), points, visibility)
-
-
-def _write_coco(partial: Path, root: Path, splits: dict[str, FrameDataset]) -> None:
-    """Write the COCO file of each split. It is the data set's own, with other names of the pictures."""
-    for split, frames in splits.items():
-        new_name = {}
-        for name, indices in _pictures(frames).items():
-            old = frames.stored[indices[0]].image.relative_to(root).as_posix()
-            new_name[old] = f"images/{split}/{name}"
-        table = coco(root, split, frames.manifest["settings"])
-        for image in table["images"]:
-            image["file_name"] = new_name[image["file_name"]]
-        write_json(partial / f"{split}.json", table)
