@@ -108,7 +108,8 @@ def _mask_digest(folder: Path, digests: dict[str, list[str]], number: int) -> st
     """
     if str(number) not in digests:
         raise InputError(
-            f"{folder / 'flight.json'}: no digests of frame {number}; generate this flight again"
+            f"{folder / 'flight.json'}: no digests of frame {number}; "
+            "delete its flight folder and run generate again"
         )
     return digests[str(number)][-1]
 

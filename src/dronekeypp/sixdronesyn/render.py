@@ -41,9 +41,8 @@ _SHADE = """
 BODY_GLOSS = 0.35
 PROPELLER_GLOSS = 0.15
 NEAREST = 0.05  # metres, where drawing begins at least
-LEAST_RADIUS = (
-    1.0  # metres: what is drawn lies so near to the drone's origin, or as near as its farthest point
-)
+# metres: what lies so near to the origin of the drone is drawn in any case
+LEAST_RADIUS = 1.0
 
 _CHECKED = "DRONEKEYPP_OPENGL_CHECKED"
 _PROBE = """

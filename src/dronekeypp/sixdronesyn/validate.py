@@ -263,7 +263,7 @@ class _Validation:
         if not expected:
             return
         try:
-            listed = bop.read_json(path)
+            listed = bop.read_json(path) if path.is_file() else []
         except InputError as error:
             self.faults.append(f"{error}; {mend}")
             return
