@@ -171,6 +171,7 @@ def test_bad_models_info(folder, fields, match):
 HEADER = "ply\nformat {} 1.0\nelement vertex 2\nproperty uchar red\n"
 HEADER += "property double x\nproperty float y\nproperty short z\n"
 HEADER += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+MANY = HEADER.replace("vertex 2", f"vertex {10**23}")
 
 
 @pytest.mark.parametrize("layout", ["ascii", "binary_little_endian", "binary_big_endian"])
@@ -194,10 +195,16 @@ def test_points_of_any_ply_file(tmp_path, layout):
         (b"ply\nformat other 1.0\nelement vertex 1\nend_header\n", "format 'other'"),
         (HEADER.format("binary_little_endian").encode() + bytes(20), "buffer is smaller"),
         (HEADER.format("ascii").encode() + b"7 1.5 -2.25 3\n", "points are missing"),
+        (HEADER.format("ascii").encode(), "2 points in 0 bytes"),
+        (HEADER.format("ascii").encode() + b" \n \n", "2 points in 4 bytes"),
+        (HEADER.format("ascii").encode() + b"# a remark\n", "could not convert"),
+        (MANY.format("ascii").encode() + b"7 1.5 -2.25 3\n", "points in 14 bytes"),
+        (MANY.format("binary_little_endian").encode() + bytes(30), "points in 30 bytes"),
         (HEADER.format("ascii").encode() + b"7 1.5 nan 3\n7 1 2 3\n", "not finite"),
         (HEADER.format("ascii").encode().replace(b" z", b" w") + b"7 1 2 3\n7 1 2 3\n", "not in list"),
     ],
 )
+@pytest.mark.filterwarnings("error")
 def test_a_broken_mesh_is_named(tmp_path, content, reason):
     (tmp_path / "mesh.ply").write_bytes(content)
     with pytest.raises(InputError, match=f"mesh.ply: not a whole PLY file .*{reason}"):

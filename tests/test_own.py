@@ -243,6 +243,7 @@ def moved(hub, axis, by):
         ({"colour": 1}, "unknown field colour"),
         ({"name": "Tello"}, "there is a drone 'Tello' already"),
         ({"name": "my racer"}, "letters and digits only"),
+        ({"name": "Quad17"}, "that is a random quadrotor's; choose another name"),
         ({"mesh": "other.stl"}, "other.stl not found"),
         ({"mesh_unit": "inch"}, "m or mm"),
         ({"hubs": HUBS[:3]}, "four points of three numbers"),

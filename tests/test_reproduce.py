@@ -27,6 +27,7 @@ from dronekeypp.reproduce import ablations, beyond, figure6, priors, read_result
 from dronekeypp.reproduce.results import PAPER, read_npz, source_digest, write_npz
 from dronekeypp.reproduce.runner import Bench, Run
 from dronekeypp.reproduce.table3_measures import measure_yolo
+from dronekeypp.sixdronesyn.drones import DRONES
 
 BUDGET = {
     **tiny(layers=1),
@@ -573,7 +574,12 @@ def test_real_frames_that_cannot_be_used_are_named(finished, tmp_path):
 
 
 def test_the_size_of_a_drone():
-    assert priors.hub_radius("Tello") < priors.hub_radius("Mini2") < priors.hub_radius("Mav3")
+    """It is the one that the result was made with, whatever edition of the drones that was."""
+    recorded = {"hub_radius_m": {"Tello": 0.06, "Mav3": 0.5}}
+    np.testing.assert_array_equal(priors.hub_radii(recorded), [0.06, 0.5])
+    np.testing.assert_allclose(priors.size_ratios(recorded)[0], [1, 0.5 / 0.06])
+    hubs = DRONES["Tello"].hubs
+    np.testing.assert_allclose(priors.radius(hubs + [1, 2, 3]), 0.06)
 
 
 def test_bad_calls_are_one_clear_error(finished, tmp_path):

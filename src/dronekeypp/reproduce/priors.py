@@ -26,20 +26,11 @@ from dronekeypp.reproduce.protocol import Job, Part, Table
 from dronekeypp.reproduce.results import rows_and_averages
 from dronekeypp.reproduce.runner import Bench, Run
 from dronekeypp.reproduce.tables import heading, line, number, over_seeds, percent
-from dronekeypp.sixdronesyn.drones import DRONES
 
 WHOLE = Run(DroneKeyPP.method)
 TOLD_MEASURES = ("distance_ratio", "R_deg", "t_m")  # of `told_wrong`
 
 # --- sizes ------------------------------------------------------------------------------------------------
-
-
-def hub_radius(name: str) -> float:
-    """Return the size of one of the generator's drones as one number in metres.
-
-    See `radius`.
-    """
-    return radius(DRONES[name].hubs)
 
 
 def radius(hubs: np.ndarray) -> float:
@@ -174,9 +165,14 @@ def reproduce(bench: Bench, seeds: int = 1) -> dict[str, Any]:
 # --- what a recorded result says --------------------------------------------------------------------------
 
 
+def hub_radii(recorded: dict[str, Any]) -> np.ndarray:
+    """Return the sizes of the drones (7,) in metres, see `radius`, in the order of their classes."""
+    return np.array(list(recorded["hub_radius_m"].values()))
+
+
 def size_ratios(recorded: dict[str, Any]) -> np.ndarray:
     """Return the size of the given class over the true size (7, 7), as [true][given]."""
-    sizes = np.array(list(recorded["hub_radius_m"].values()))
+    sizes = hub_radii(recorded)
     return sizes[None, :] / sizes[:, None]
 
 
@@ -331,7 +327,7 @@ def _draw_left_out(ax: plt.Axes, recorded: dict[str, Any]) -> None:
 
 
 def _draw_embedding(ax: plt.Axes, recorded: dict[str, Any]) -> None:
-    ratios, pairs = size_differences(list(recorded["hub_radius_m"].values()))
+    ratios, pairs = size_differences(hub_radii(recorded))
     for entry in recorded["embedding"]:
         distances = np.array(entry["distance"])[pairs]
         ax.plot(ratios, distances, "o", markersize=4, label=f"seed {entry['seed']}")

@@ -18,14 +18,17 @@ from typing import Any
 
 import cv2
 import numpy as np
-import pyvista as pv
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, QhullError
 
 from dronekeypp.camera import project, to_crop
 from dronekeypp.classes import DroneClass
-from dronekeypp.sixdronesyn import bop, depth
+from dronekeypp.errors import InputError
+from dronekeypp.sixdronesyn import bop, depth_files
 from dronekeypp.sixdronesyn.annotation import MM, numbers
 from dronekeypp.sixdronesyn.drones import KEYPOINT_NAMES
+from dronekeypp.sixdronesyn.folders import read_digests, read_image
+from dronekeypp.sixdronesyn.instances import one_value
+from dronekeypp.sixdronesyn.ply import read_points
 from dronekeypp.sixdronesyn.scenes import HEIGHT, WIDTH
 
 SKELETON = [[1, 2], [2, 3], [3, 4], [4, 1]]
@@ -44,20 +47,26 @@ def coco(root: str | Path, split: str, settings: dict[str, Any]) -> dict[str, An
         root: folder of the data set. Its models/ must be there.
         split: "train", "val" or "test".
         settings: those of the data set, as its manifest holds them.
+
+    Raises:
+        InputError: a file of the models, an annotation or a mask is missing or broken.
     """
     root = Path(root)
     size = settings["size"]
     width, height = size or WIDTH, size or HEIGHT
-    models = bop.read_models(root)
+    models = _read_models(root)
     outlines: dict[int, np.ndarray] = {}
     images, annotations = [], []
     for folder in bop.flight_folders(root, split):
-        for frame in bop.read_flight(folder)[0]:
+        frames, about = bop.read_flight(folder, models)
+        digests = read_digests(folder / "flight.json", about, 1 + len(depth_files.paths(root, 0, settings)))
+        for frame in frames:
             identity = int(folder.name) * 1000 + frame.number
             name = bop.image_path(folder, frame.number).relative_to(root).as_posix()
             images.append({"id": identity, "file_name": name, "width": width, "height": height, "license": 1})
             if settings.get("masks"):
-                mask = cv2.imread(str(depth.paths(folder, frame.number, settings)[-1]), cv2.IMREAD_GRAYSCALE)
+                path = depth_files.paths(folder, frame.number, settings)[-1]
+                mask = read_image(path, _mask_digest(folder, digests, frame.number))[..., 0]
                 polygons, area = _traced(mask)
             else:
                 if frame.obj_id not in outlines:
@@ -73,6 +82,36 @@ def coco(root: str | Path, split: str, settings: dict[str, Any]) -> dict[str, An
         "annotations": annotations,
         "categories": [_category(number, drone) for number, drone in models.items()],
     }
+
+
+def _read_models(root: Path) -> dict[int, DroneClass]:
+    """Return the drones of a data set by number.
+
+    Raises:
+        InputError: models_info.json is missing or broken, or a drone lacks its hubs.
+    """
+    path = root / bop.MODELS / "models_info.json"
+    models = bop.read_models(root)
+    if not models:
+        raise InputError(f"{path}: missing; run generate again, it writes what is missing")
+    for number, drone in models.items():
+        if drone.hubs is None:
+            raise InputError(f"{path} object {number}: the field keypoints is missing")
+    return models
+
+
+def _mask_digest(folder: Path, digests: dict[str, list[str]], number: int) -> str:
+    """Return the digest of a frame's mask_visib/, which is the last that flight.json lists.
+
+    Raises:
+        InputError: flight.json has none of this frame.
+    """
+    if str(number) not in digests:
+        raise InputError(
+            f"{folder / 'flight.json'}: no digests of frame {number}; "
+            "delete its flight folder and run generate again"
+        )
+    return digests[str(number)][-1]
 
 
 def _info(settings: dict[str, Any]) -> dict[str, Any]:
@@ -136,15 +175,22 @@ def _extreme_points(root: Path, number: int, drone: DroneClass) -> np.ndarray:
     """Return the extreme points (P, 3) of a drone of models/, in metres and body axes.
 
     The propeller discs are included, where models_info.json says how large they are.
+
+    Raises:
+        InputError: the mesh or the diameter is broken.
     """
-    folder = root / bop.MODELS
-    points = np.asarray(pv.read(folder / f"obj_{number:06d}.ply").points, dtype=np.float64) / MM
-    diameter = bop.read_json(folder / "models_info.json")[str(number)].get("propeller_diameter")
-    if diameter is not None:
+    mesh, info = root / bop.MODELS / f"obj_{number:06d}.ply", root / bop.MODELS / "models_info.json"
+    points = read_points(mesh) / MM
+    entry = bop.read_json(info).get(str(number)) or {}
+    if entry.get("propeller_diameter") is not None:
+        diameter = one_value(entry, "propeller_diameter", 1, f"{info} object {number}")[0]
         circle = np.stack([np.cos(DISC), np.sin(DISC), 0 * DISC], axis=1) * (diameter / MM / 2)
         discs = drone.hubs[:, None] + circle  # (4, D, 3)
         points = np.concatenate([points, discs.reshape(-1, 3)])
-    return points[ConvexHull(points).vertices]
+    try:
+        return points[ConvexHull(points).vertices]
+    except QhullError:
+        raise InputError(f"{mesh}: its points lie in one plane; delete it and run generate again") from None
 
 
 def _convex(points: np.ndarray, width: int, height: int) -> tuple[list[list[float]], float]:
@@ -158,6 +204,8 @@ def _convex(points: np.ndarray, width: int, height: int) -> tuple[list[list[floa
 
 def _traced(mask: np.ndarray) -> tuple[list[list[float]], float]:
     """Return the outlines of a mask (H, W) as COCO's polygons, and how many pixels it has."""
+    if not mask.any():
+        return [], 0.0
     x, y, w, h = cv2.boundingRect(mask)
     fine = np.kron(mask[y : y + h, x : x + w], np.ones((FINER, FINER), np.uint8))
     contours, _ = cv2.findContours(fine, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)

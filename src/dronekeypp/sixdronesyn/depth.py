@@ -1,10 +1,6 @@
 """This module draws depth images and masks of a drone, as BOP has them, at the stored image's own pixels.
 
-They show the mesh that models/ holds, which has no propellers. A flight's folder then holds
-
-    depth/000000.png                16 bits; value × depth_scale is z in millimetres, 0 where no drone is
-    mask/000000_000000.png          255 where the drone is, whether something hides it or not
-    mask_visib/000000_000000.png    255 where it is to be seen; nothing else flies here, so it equals mask/
+They show the mesh that models/ holds, which has no propellers. `depth_files` writes and checks them.
 
 Depth is read at the centres of the pixels and never averaged, because the mean of a near and a far point is
 the depth of neither.
@@ -12,27 +8,22 @@ the depth of neither.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
-from pathlib import Path
-from typing import Any
 
-import cv2
 import numpy as np
 import vtk
 from vtk.util.numpy_support import vtk_to_numpy
 
 from dronekeypp.camera import crop_intrinsics
-from dronekeypp.files import digest
 from dronekeypp.sixdronesyn import scenes
 from dronekeypp.sixdronesyn.annotation import MM, Frame
 from dronekeypp.sixdronesyn.drones import Drone
 from dronekeypp.sixdronesyn.meshes import drone_mesh
-from dronekeypp.sixdronesyn.render import aim, check_opengl, pose_matrix
+from dronekeypp.sixdronesyn.render import aim, check_opengl, depth_range, farthest_point, pose_matrix
 
-FOLDERS = ("depth", "mask", "mask_visib")
 STEP = 0.2  # mm, of a depth image: 16 bits then reach 13.1 m
 DEEPEST = 2**16 - 1
+ROOM = 1.1  # times the reach of a drone, where a depth renderer sees at least
 
 
 class DepthRenderer:
@@ -49,7 +40,8 @@ class DepthRenderer:
     def __init__(self, drone: Drone, resolution: int) -> None:
         check_opengl()
         self.resolution = resolution
-        self.reach = 1.1 * scenes.reach(drone)  # guards may stand out a little beyond the propellers
+        # The range fixes how depth is rounded, so it grows only for a mesh that stands out of it.
+        self.radius = max(ROOM * scenes.reach(drone), farthest_point(drone))
         mapper = vtk.vtkPolyDataMapper()
         mapper.SetInputData(drone_mesh(drone).body)
         mapper.ScalarVisibilityOff()
@@ -78,7 +70,7 @@ class DepthRenderer:
             0 where no drone is.
         """
         self._body.SetUserMatrix(pose_matrix(R, t))
-        near, far = max(0.05, float(t[2]) - self.reach), float(t[2]) + self.reach
+        near, far = depth_range(float(t[2]), self.radius)
         aim(self._camera, K, (*corner, self.resolution), near, far)
         self._window.Render()
         last = self.resolution - 1
@@ -123,82 +115,12 @@ def draw_depth(drone: Drone, frame: Frame, width: int, height: int) -> tuple[np.
 
 
 def depth_scale(drone: Drone, frame: Frame) -> float:
-    """Return the millimetres of one step of a frame's depth image: STEP, or twice that for a far drone."""
-    farthest = (float(frame.t[2]) + scenes.reach(drone)) * MM
-    return STEP if farthest < STEP * DEEPEST else 2 * STEP
+    """Return the millimetres of one step of a frame's depth image.
 
-
-# --- files ------------------------------------------------------------------------------------------------
-
-
-def paths(folder: Path, number: int, settings: dict[str, Any]) -> list[Path]:
-    """Return the depth image and the masks of a frame, as far as `settings` of the data set ask for them."""
-    found = []
-    if settings.get("depth"):
-        found.append(folder / FOLDERS[0] / f"{number:06d}.png")
-    if settings.get("masks"):
-        found += [folder / name / f"{number:06d}_000000.png" for name in FOLDERS[1:]]
-    return found
-
-
-def encode(depth: np.ndarray, scale: float, settings: dict[str, Any]) -> list[bytes]:
-    """Return the contents of the files that `paths` names.
-
-    Args:
-        depth: (H, W) metres, from `draw_depth`.
-        scale: millimetres a step, from `depth_scale`.
-        settings: those of the data set.
+    It is STEP, doubled until 16 bits hold the farthest point that the drone may have.
     """
-    contents = []
-    if settings.get("depth"):
-        contents.append(_png(np.rint(depth * (MM / scale)).astype(np.uint16)))
-    if settings.get("masks"):
-        contents += 2 * [_png(np.where(depth > 0, 255, 0).astype(np.uint8))]
-    return contents
-
-
-def _png(image: np.ndarray) -> bytes:
-    return cv2.imencode(".png", image)[1].tobytes()
-
-
-def counts(visible: int, whole: int) -> dict[str, float]:
-    """Return what scene_gt_info.json says of a frame's masks.
-
-    Args:
-        visible: how many pixels of the image show the drone.
-        whole: how many its silhouette has, those outside the image included.
-    """
-    return {
-        "px_count_all": whole,
-        "px_count_valid": visible,  # every one of them has a depth
-        "px_count_visib": visible,
-        "visib_fract": round(visible / whole, 6) if whole else 0.0,
-    }
-
-
-def faults(
-    folder: Path, number: int, info: dict[str, Any], digests: Sequence[str], settings: dict[str, Any]
-) -> list[str]:
-    """Return what is wrong with the depth image and the masks of a frame, one line each.
-
-    Args:
-        folder: of the flight.
-        number: of the frame.
-        info: the frame's entry in scene_gt_info.json.
-        digests: of the files that `paths` names.
-        settings: those of the data set.
-    """
-    found = []
-    content = b""
-    for path, expected in zip(paths(folder, number, settings), digests, strict=True):
-        content = path.read_bytes() if path.is_file() else b""
-        if digest(content) != expected:
-            what = "not the image that was generated" if content else "image missing"
-            found.append(f"{path}: {what}; delete its flight folder and run generate again")
-    if settings.get("masks") and not found:
-        mask = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)  # the last is mask_visib/
-        visible = int((mask > 0).sum())
-        if info != {**info, **counts(visible, info.get("px_count_all", -1))}:
-            path = folder / "scene_gt_info.json"
-            found.append(f"{path} frame {number}: its pixel counts are not those of mask_visib/")
-    return found
+    farthest = (float(frame.t[2]) + max(scenes.reach(drone), farthest_point(drone))) * MM
+    step = STEP
+    while farthest >= step * DEEPEST:
+        step *= 2
+    return step

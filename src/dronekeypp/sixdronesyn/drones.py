@@ -195,7 +195,8 @@ DRONES = EDITIONS[EDITION]
 def find_drone(name: str, edition: int = EDITION) -> Drone:
     """Return a drone by its name: one of the seven, one of your own, or a random quadrotor ("Quad17").
 
-    `edition` is 1 or 2; random quadrotors belong to the second.
+    `edition`, 1 or 2, says which shapes the seven have. A random quadrotor is the same in either, and flies
+    in data sets of the second only.
 
     Raises:
         InputError: the name is unknown.

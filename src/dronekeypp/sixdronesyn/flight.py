@@ -19,7 +19,7 @@ from scipy.spatial import ConvexHull
 
 from dronekeypp.camera import clamp_square, project, square_around
 from dronekeypp.files import digest
-from dronekeypp.sixdronesyn import bop, depth, frame_log, scenes
+from dronekeypp.sixdronesyn import bop, depth, depth_files, frame_log, scenes
 from dronekeypp.sixdronesyn.compositing import directions, draw_crop, draw_frame, window_around
 from dronekeypp.sixdronesyn.drones import Drone
 from dronekeypp.sixdronesyn.frame_log import Finished
@@ -219,7 +219,7 @@ def frame_digest(entry: tuple[dict, dict, dict]) -> str:
     """
     camera, truth, info = entry
     if "px_count_all" in info:
-        info = {key: value for key, value in info.items() if key not in depth.counts(0, 0)}
+        info = {key: value for key, value in info.items() if key not in depth_files.counts(0, 0)}
     return annotation_digest((camera, truth, info))
 
 
@@ -239,7 +239,7 @@ def render_flight(
         return 0
     flight = Flight(subsequence, settings, environments)
     partial = Path(root) / ".partial" / final.name
-    for path in (bop.image_path(partial, 0), *depth.paths(partial, 0, settings)):
+    for path in (bop.image_path(partial, 0), *depth_files.paths(partial, 0, settings)):
         path.parent.mkdir(parents=True, exist_ok=True)
     log = partial / frame_log.NAME
     done = frame_log.read(partial, settings)
@@ -256,7 +256,7 @@ def render_flight(
     for number, frame in annotated.items():
         entries[number] = flight.entry(frame)
         if done[number].pixels is not None:
-            entries[number][2].update(depth.counts(*done[number].pixels))
+            entries[number][2].update(depth_files.counts(*done[number].pixels))
         digests[str(number)] = [done[number].image, frame_digest(entries[number]), *done[number].others]
     about = {
         "scene": subsequence.scene,
@@ -281,12 +281,12 @@ def _write_frame(flight: Flight, frame: bop.Frame, folder: Path) -> Finished:
     picture = cv2.cvtColor(flight.picture(frame), cv2.COLOR_RGB2BGR)
     image = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes()
     bop.image_path(folder, frame.number).write_bytes(image)
-    others = depth.paths(folder, frame.number, flight.settings)
+    others = depth_files.paths(folder, frame.number, flight.settings)
     if not others:
         return Finished(digest(image))
     distances, whole = depth.draw_depth(flight.drone, frame, *flight.image_size)
     scale = depth.depth_scale(flight.drone, frame)
-    contents = depth.encode(distances, scale, flight.settings)
+    contents = depth_files.encode(distances, scale, flight.settings)
     for path, content in zip(others, contents, strict=True):
         path.write_bytes(content)
     pixels = (int((distances > 0).sum()), whole) if flight.settings.get("masks") else None

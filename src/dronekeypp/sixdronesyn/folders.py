@@ -12,6 +12,7 @@ from dronekeypp import files
 from dronekeypp.classes import DroneClass
 from dronekeypp.errors import InputError
 from dronekeypp.sixdronesyn import bop, scenes
+from dronekeypp.sixdronesyn.manifest_check import OLDER, check_manifest
 
 CAMERA = "camera.json"  # of a data set: width and height of its frames, where it is there
 IMAGES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
@@ -46,16 +47,21 @@ def find_flights(root: Path, split: str, manifest: dict[str, Any]) -> dict[Path,
 def read_manifest(root: Path) -> dict[str, Any]:
     """Return the manifest of 6DroneSyn, or {} for a folder without one.
 
+    A manifest.json without a plan is somebody else's, and none of 6DroneSyn.
+
     Raises:
-        InputError: manifest.json holds something else.
+        InputError: manifest.json holds something else, see `check_manifest`.
     """
     path = root / "manifest.json"
     if not path.is_file():
         return {}
     manifest = bop.read_json(path)
-    if not isinstance(manifest, dict) or not isinstance(manifest.get("planned", {}), dict):
-        raise InputError(f"{path}: not a data set's manifest; run generate again")
-    return manifest if "planned" in manifest else {}
+    if not isinstance(manifest, dict):
+        raise InputError(f"{path}: not a data set's manifest; mend it, or generate it in another folder")
+    if "planned" not in manifest:
+        return {}
+    check_manifest(path, manifest)
+    return manifest
 
 
 def check_complete(root: Path, split: str, manifest: dict[str, Any]) -> None:
@@ -76,7 +82,7 @@ def check_complete(root: Path, split: str, manifest: dict[str, Any]) -> None:
 
 def edition_of(manifest: dict[str, Any]) -> int:
     """Return the edition of 6DroneSyn that a manifest describes."""
-    return manifest.get("settings", {}).get("edition", 1)  # older manifests do not say it
+    return manifest.get("settings", {}).get("edition", OLDER["edition"])
 
 
 def split_of(name: str, edition: int) -> str | None:
@@ -92,7 +98,7 @@ def drone_of(name: str, edition: int) -> int:
 
 def _parts(name: str, edition: int) -> tuple[int, int]:
     """Return the scene and the drone's number in a flight's name, see `scenes.Subsequence.id`."""
-    return divmod(int(name) // 10, scenes.MOST_DRONES.get(edition, 1))
+    return divmod(int(name) // 10, scenes.MOST_DRONES[edition])
 
 
 def read_list(path: Path) -> dict[Path, set[int] | None]:
@@ -164,6 +170,28 @@ def flight_facts(folder: Path, flight: dict[str, Any]) -> tuple[int, dict[int, s
         ) from None
 
 
+def read_digests(path: Path, about: Any, files: int) -> dict[str, list[str]]:
+    """Return {frame: digests of its image, of its annotation, of its other images} of a flight.json.
+
+    Args:
+        path: of flight.json, for the message.
+        about: what it holds.
+        files: how many images a frame has.
+
+    Raises:
+        InputError: the file has no digests.
+    """
+    digests = about.get("digests") if isinstance(about, dict) else None
+    sound = isinstance(digests, dict)
+    if sound:
+        for number, values in digests.items():
+            sound = sound and number.isdecimal() and isinstance(values, list) and len(values) == 1 + files
+            sound = sound and all(isinstance(value, str) for value in values)
+    if not sound:
+        raise InputError(f"{path}: no digests; delete its flight folder and run generate again")
+    return digests
+
+
 def frame_size(root: Path, folder: Path, images: dict[int, Path]) -> tuple[int, int]:
     """Return width and height of the whole frames of a flight.
 
@@ -207,7 +235,7 @@ def read_image(path: str | Path, digest: str | None = None) -> np.ndarray:
     try:
         data = path.read_bytes()
     except FileNotFoundError:
-        mend = "; generate this flight again" if digest else ""
+        mend = "; delete its flight folder and run generate again" if digest else ""
         raise InputError(f"{path}: image missing{mend}") from None
     if path.suffix.lower() in (".jpg", ".jpeg"):
         # OpenCV fills what a truncated JPEG lacks with grey and says nothing. The end marker comes after the

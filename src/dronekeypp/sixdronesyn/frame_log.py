@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from dronekeypp.files import digest
-from dronekeypp.sixdronesyn import bop, depth
+from dronekeypp.sixdronesyn import bop, depth_files
 
 NAME = "frames.jsonl"
+MOST_FRAMES = 1_000_000  # of a flight: a file's name has six digits for the number
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,7 @@ class Finished:
 
     Attributes:
         image: the digest of its picture.
-        others: the digests of its depth image and masks, as `depth.paths` lists them.
+        others: the digests of its depth image and masks, as `depth_files.paths` lists them.
         pixels: how many pixels of the image show the drone, and how many its whole silhouette has; None
             without masks.
     """
@@ -54,15 +55,38 @@ def read(folder: Path, settings: dict[str, Any]) -> dict[int, Finished]:
     log = folder / NAME
     if not log.exists():
         return done
-    text = log.read_text()
-    whole_lines = text[: text.rfind("\n") + 1]
-    if whole_lines != text:
-        log.write_text(whole_lines)
-    for entry in whole_lines.splitlines():
-        number, image, *more = json.loads(entry)
-        others, pixels = more or ((), None)
-        files = [bop.image_path(folder, number), *depth.paths(folder, number, settings)]
+    content = log.read_bytes()
+    whole_lines = content[: content.rfind(b"\n") + 1]
+    if whole_lines != content:
+        log.write_bytes(whole_lines)
+    for text in whole_lines.splitlines():
+        entry = _entry(text, bool(settings.get("masks")))
+        if entry is None:
+            continue
+        number, frame = entry
+        files = [bop.image_path(folder, number), *depth_files.paths(folder, number, settings)]
         if all(path.exists() for path in files):
-            if [digest(path.read_bytes()) for path in files] == [image, *others]:
-                done[number] = Finished(image, tuple(others), pixels)
+            if [digest(path.read_bytes()) for path in files] == [frame.image, *frame.others]:
+                done[number] = frame
     return done
+
+
+def _entry(text: bytes, masks: bool) -> tuple[int, Finished] | None:
+    """Return the frame's number and what a line says of it, or None if the line is torn.
+
+    `masks` says whether the data set has masks, whose pixels are counted.
+    """
+    try:
+        number, image, *more = json.loads(text)
+        others, pixels = more or ((), None)
+        others = tuple(others)
+        counts = None if pixels is None else tuple(pixels)
+    except (ValueError, TypeError, RecursionError):
+        return None
+    if type(number) is not int or not 0 <= number < MOST_FRAMES:
+        return None
+    if (counts is not None) != masks:
+        return None
+    if counts is not None and [type(count) for count in counts] != [int, int]:
+        return None
+    return number, Finished(image, others, counts)

@@ -28,11 +28,11 @@ from dronekeypp.sixdronesyn import scenes
 from dronekeypp.sixdronesyn.drones import EDITION, EDITIONS
 from dronekeypp.sixdronesyn.flight import Flight, annotation_digest, render_flight
 from dronekeypp.sixdronesyn.manifest import finish, lock, start_manifest
+from dronekeypp.sixdronesyn.manifest_check import KINDS
 from dronekeypp.sixdronesyn.render import check_opengl
 
 __all__ = ["Flight", "annotation_digest", "finish", "generate"]
 
-KINDS = ("crop", "full")  # of frames
 _DRAWING = ThreadPoolExecutor(1, "drawing")  # of a process that is called from threads
 
 

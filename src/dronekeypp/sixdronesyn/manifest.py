@@ -20,18 +20,18 @@ import pyvista as pv
 import vtk
 from filelock import FileLock
 
+from dronekeypp import __version__
 from dronekeypp.errors import InputError
 from dronekeypp.files import digest, write_json
-from dronekeypp.sixdronesyn import bop, quadrotors, scenes
+from dronekeypp.sixdronesyn import bop, depth_files, quadrotors, scenes
 from dronekeypp.sixdronesyn.coco import coco
 from dronekeypp.sixdronesyn.drones import EDITIONS, SEVEN
 from dronekeypp.sixdronesyn.flight import annotation_digest
+from dronekeypp.sixdronesyn.folders import read_digests, read_manifest
+from dronekeypp.sixdronesyn.manifest_check import OLDER
 from dronekeypp.sixdronesyn.models import write_models
 from dronekeypp.sixdronesyn.own import VARIABLE
 from dronekeypp.sixdronesyn.targets import write_targets
-
-# settings that older manifests lack
-BEFORE_THERE_WERE_TWO = {"edition": 1, "quadrotors": None, "depth": False, "masks": False}
 
 
 def lock(root: Path) -> FileLock:
@@ -50,17 +50,22 @@ def start_manifest(
 ) -> list[scenes.Subsequence]:
     """Write the plan before the first frame, and return it.
 
+    A data set that an earlier version of the package began is resumed: what it holds follows from its edition
+    and its other settings. Its setting `version` stays that of the beginning.
+
     Raises:
         InputError: the folder holds a data set with other settings, or something else.
     """
     path = root / "manifest.json"
     old: dict[str, Any] = {"settings": {}, "versions": [], "planned": {}}
     if path.exists():
-        old = bop.read_json(path)
-        if not isinstance(old, dict) or not {"settings", "versions", "planned"} <= old.keys():
+        old = read_manifest(root)
+        if not old:
             raise InputError(f"{path}: not the manifest of a data set; choose another folder")
+        before = {**OLDER, **old["settings"]}
+        settings = {**settings, "version": before["version"]}
         for key, value in settings.items():
-            _check_same(path, key, old["settings"].get(key, BEFORE_THERE_WERE_TWO.get(key)), value)
+            _check_same(path, key, before[key], value)
     elif any(not item.name.startswith(".") for item in root.iterdir()):
         raise InputError(
             f"{root}: the folder is not empty and holds no manifest.json; choose an empty or new folder"
@@ -82,7 +87,7 @@ def start_manifest(
     planned = dict(old["planned"])
     for subsequence in plan:
         planned[f"{subsequence.id:06d}"] = len(scenes.frame_numbers(subsequence, settings["stride"]))
-    versions = list(old["versions"])  # a resumed data set may have been rendered by several
+    versions = list(old.get("versions", []))  # a resumed data set may have been rendered by several
     if _versions() not in versions:
         versions.append(_versions())
     manifest = {
@@ -143,6 +148,7 @@ def _own_drones(
 def _versions() -> dict[str, str]:
     """Return the versions of what the pictures may depend on."""
     return {
+        "dronekeypp": __version__,
         "python": platform.python_version(),
         "numpy": np.__version__,
         "opencv": cv2.__version__,
@@ -164,16 +170,18 @@ def finish(root: str | Path) -> dict[str, Any]:
 
 def _finish(root: Path) -> dict[str, Any]:
     """Do the work of `finish` while it holds the folder."""
-    manifest = bop.read_json(root / "manifest.json")
+    manifest = read_manifest(root)
+    settings = {**OLDER, **manifest["settings"]}
+    files = 1 + len(depth_files.paths(root, 0, settings))
     flights = {}
     for split in scenes.SPLITS:
         for folder in bop.flight_folders(root, split):
-            digests = bop.read_json(folder / "flight.json")["digests"]
+            path = folder / "flight.json"
+            digests = read_digests(path, bop.read_json(path), files)
             flights[folder.name] = {"split": split, "digests": digests}
     manifest.update(totals(manifest["planned"], flights))
     manifest["flights"] = dict(sorted(flights.items()))
-    settings = {**BEFORE_THERE_WERE_TWO, **manifest["settings"]}
-    names = (*SEVEN, *settings.get("own_drones", {}))
+    names = (*SEVEN, *settings["own_drones"])
     if settings["quadrotors"]:
         names = tuple(quadrotors.name_of(number) for number in range(*settings["quadrotors"]))
     write_models(root, names, settings["edition"])

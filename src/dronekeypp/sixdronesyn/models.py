@@ -16,7 +16,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.distance import pdist
 
 from dronekeypp.errors import InputError
-from dronekeypp.files import write_json
+from dronekeypp.files import write_beside, write_json, writing_beside
 from dronekeypp.sixdronesyn import bop
 from dronekeypp.sixdronesyn.annotation import MM, numbers
 from dronekeypp.sixdronesyn.drones import Drone, find_drone
@@ -30,22 +30,28 @@ EVAL_TRIANGLES = 4500  # about 2,300 points; the seven then change by 1 mm at mo
 def write_models(root: Path, names: Sequence[str], edition: int) -> None:
     """Write what is missing of models/ and models_eval/, where the drone names[i] is object i + 1.
 
-    The models_info.json of models/ comes last: it says that the meshes are all there. What it holds already
-    stays, so a drone of somebody's own need not be known here. The first edition has no models_eval/.
+    What the models_info.json of models/ holds already stays, so a drone of somebody's own need not be known
+    here, unless one of its meshes is missing. The first edition has no models_eval/.
+
+    The models_info.json of models/ is written last. Then a killed run has not listed what it lacks.
 
     Raises:
-        InputError: a drone that is missing in models/ is not known here.
+        InputError: a drone of which something is missing is not known here, or models_info.json is broken.
     """
     folders = [root / name for name in FOLDERS]
-    path = folders[0] / "models_info.json"
-    info = bop.read_json(path) if path.is_file() else {}
-    missing = [number for number in range(1, len(names) + 1) if str(number) not in info]
-    if not missing:
-        return
     if edition == 1:
         folders = folders[:1]
+    path = folders[0] / "models_info.json"
+    info = bop.read_json(path) if path.is_file() else {}
+    if not isinstance(info, dict):
+        raise InputError(f"{path}: not a table of objects; delete it and run generate again")
     for folder in folders:
         folder.mkdir(exist_ok=True)
+    missing = []
+    for number in range(1, len(names) + 1):
+        meshes = [folder / f"obj_{number:06d}.ply" for folder in folders]
+        if str(number) not in info or not all(mesh.is_file() for mesh in meshes):
+            missing.append(number)
     for number in missing:
         name = names[number - 1]
         try:
@@ -63,7 +69,17 @@ def write_models(root: Path, names: Sequence[str], edition: int) -> None:
             write_ply(folders[1] / mesh_name, simplified(body))
         info[str(number)] = model_info(drone)
     for folder in reversed(folders):
-        write_json(folder / "models_info.json", info, indent=1)
+        path = folder / "models_info.json"
+        if not _holds(path, info):
+            write_json(path, info, indent=1)
+
+
+def _holds(path: Path, info: dict[str, Any]) -> bool:
+    """Tell whether a models_info.json is there and holds `info`."""
+    try:
+        return bop.read_json(path) == info
+    except InputError:
+        return False
 
 
 def write_ply(path: Path, mesh: pv.PolyData) -> None:
@@ -95,7 +111,7 @@ def write_ply(path: Path, mesh: pv.PolyData) -> None:
     for name, kind in types.items():
         header.append(f"property {'uchar' if kind == 'u1' else 'float'} {name}")
     header += [f"element face {mesh.n_cells}", "property list uchar int vertex_indices", "end_header", ""]
-    path.write_bytes("\n".join(header).encode() + points.tobytes() + faces.tobytes())
+    write_beside(path, "\n".join(header).encode() + points.tobytes() + faces.tobytes())
 
 
 def simplified(mesh: pv.PolyData) -> pv.PolyData:
@@ -113,7 +129,8 @@ def _write_first_edition(path: Path, mesh: pv.PolyData) -> None:
     """Write a mesh in metres as the first edition has it: in millimetres, without normals."""
     body = pv.PolyData(mesh.points * np.float32(MM), mesh.faces)
     body.point_data["rgb"] = mesh.point_data["rgb"]
-    body.save(path, texture="rgb", recompute_normals=False)
+    with writing_beside(path) as beside:
+        body.save(beside, texture="rgb", recompute_normals=False)
 
 
 def model_info(drone: Drone) -> dict[str, Any]:

@@ -3,11 +3,11 @@
     {"name": "Racer", "mesh": "racer.stl", "mesh_unit": "mm", "hubs": [[0.08, 0.1, 0.02], ...],
      "propeller_diameter": 0.13, "mass": 0.4}
 
-name: letters and digits, and not yet taken. mesh: a file beside the JSON that PyVista reads (STL, PLY,
-OBJ …), in body axes (x forward, y left, z up) and without propellers, which are drawn. mesh_unit: "m" (the
-default) or "mm". hubs: the four centres of the propeller discs, (4, 3) metres, in the same axes, in the order
-front-left, front-right, rear-right, rear-left; they are left–right symmetric and lie in one plane.
-propeller_diameter: metres. mass: kg.
+name: letters and digits, not yet taken, and not that of a random quadrotor ("Quad17"). mesh: a file beside
+the JSON that PyVista reads (STL, PLY, OBJ …), in body axes (x forward, y left, z up) and without propellers,
+which are drawn. mesh_unit: "m" (the default) or "mm". hubs: the four centres of the propeller discs, (4, 3)
+metres, in the same axes, in the order front-left, front-right, rear-right, rear-left; they are left–right
+symmetric and lie in one plane. propeller_diameter: metres. mass: kg.
 
 If you like, also: label (shown to people), motor_radius (metres), body_mm (length, width, height), hull_rgb,
 trim_rgb, propeller_rgb, tip_rgb (0 to 255; a mesh with colours of its own, a point array "RGB" or "rgb",
@@ -31,6 +31,7 @@ from dronekeypp.classes import LARGEST, SYMMETRY, DroneClass
 from dronekeypp.errors import InputError
 from dronekeypp.files import digest, read_json
 from dronekeypp.pnp import check_coplanar
+from dronekeypp.sixdronesyn import quadrotors
 
 VARIABLE = "DRONEKEYPP_DRONES"
 NEEDED = ("name", "mesh", "hubs", "propeller_diameter", "mass")
@@ -92,6 +93,8 @@ def read_drone(path: Path) -> dict[str, Any]:
     given = {**DEFAULTS, "label": given["name"], **given}
     if not (isinstance(given["name"], str) and given["name"].isalnum()):
         raise InputError(f"{path}: name {given['name']!r}: letters and digits only")
+    if quadrotors.number_of(given["name"]) is not None:
+        raise InputError(f"{path}: name {given['name']!r}: that is a random quadrotor's; choose another name")
     if str(given["mesh_unit"]) not in UNITS:
         raise InputError(f"{path}: mesh_unit {given['mesh_unit']!r}: m or mm")
     mesh = path.parent / str(given["mesh"])

@@ -22,7 +22,8 @@ from dronekeypp.sixdronesyn.drones import EDITION, EDITIONS, SEVEN, Drone, find_
 
 FPS = 30
 SUBSEQUENCES = 3  # backgrounds a scene and drone
-MOST_DRONES = {1: 10, 2: 1000}  # of one data set, by edition: the folder of a flight has so many digits
+# of one data set, by edition: the name of a flight's folder has 1 or 3 digits for them
+MOST_DRONES = {1: 10, 2: 1000}
 PURPOSES = ("camera", "flight", "exposure", "propellers", "lens")  # what is drawn at random; new ones go last
 
 SPLITS = ("train", "val", "test")

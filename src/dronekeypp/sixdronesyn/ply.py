@@ -39,9 +39,11 @@ def read_points(path: Path) -> np.ndarray:
         layout, count, columns = _read_header(header.decode("ascii"))
         if not end or count < 1:
             raise ValueError("no header, or no point")
+        if count > len(body.strip() if layout == "ascii" else body):
+            raise ValueError(f"{count} points in {len(body)} bytes")
         if layout == "ascii":
             lines = io.StringIO(body.decode("ascii"))
-            rows = np.loadtxt(lines, max_rows=count, ndmin=2)
+            rows = np.loadtxt(lines, comments=None, max_rows=count, ndmin=2)
             names = [name for name, _ in columns]
             points = rows[:, [names.index(axis) for axis in "xyz"]]
         else:

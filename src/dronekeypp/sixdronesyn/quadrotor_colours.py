@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from dronekeypp.sixdronesyn.shapes import RGB
+# As in `shapes`, which needs a graphics library; whoever only reads data sets has none.
+RGB = tuple[int, int, int]
 
 
 def _saturated(rng: np.random.Generator) -> RGB:

@@ -6,6 +6,7 @@
 import os
 import subprocess
 import sys
+from functools import lru_cache
 from typing import TypedDict
 
 import numpy as np
@@ -39,6 +40,9 @@ _SHADE = """
 
 BODY_GLOSS = 0.35
 PROPELLER_GLOSS = 0.15
+NEAREST = 0.05  # metres, where drawing begins at least
+# metres: what lies so near to the origin of the drone is drawn in any case
+LEAST_RADIUS = 1.0
 
 _CHECKED = "DRONEKEYPP_OPENGL_CHECKED"
 _PROBE = """
@@ -176,6 +180,19 @@ def aim(camera: vtk.vtkCamera, K: np.ndarray, square: Numbers, near: float, far:
     camera.SetClippingRange(near, far)
 
 
+@lru_cache(maxsize=16)
+def farthest_point(drone: Drone) -> float:
+    """Return the distance in metres from a drone's origin to its farthest point, propeller discs included."""
+    body = np.linalg.norm(np.asarray(drone_mesh(drone).body.points, dtype=np.float64), axis=1).max()
+    tips = np.linalg.norm(drone.hubs, axis=1).max() + drone.propeller_radius
+    return float(max(body, tips))
+
+
+def depth_range(distance: float, radius: float) -> tuple[float, float]:
+    """Return the depths, near and far, between which a ball is drawn whose middle is at depth `distance`."""
+    return max(NEAREST, distance - radius), distance + radius
+
+
 class DroneRenderer:
     """A renderer draws one drone at a time.
 
@@ -226,6 +243,7 @@ class DroneRenderer:
         if mesh is self.mesh:
             return
         self.mesh = mesh
+        self.radius = max(LEAST_RADIUS, farthest_point(mesh.drone))
         self._propellers = mesh.propellers(np.zeros(4), 1.0).copy()
         self._rgba = self._propellers.point_data["rgba"].reshape(4, SPOKES, -1, 4)
         self._paint = self._rgba[:, 0, :, :3].copy()  # (4, rings, 3): a disc has rings of one colour
@@ -266,8 +284,7 @@ class DroneRenderer:
         self._rgba[..., :3] = disc_colours(self._paint, self.mesh.hubs, R, t, light)[:, None]
         self._rgba[..., 3] = self.mesh.opacity(phases, blur)
         self._propellers.Modified()
-        distance = float(t[2])
-        aim(self._camera, K, square, max(0.05, distance - 1), distance + 1)
+        aim(self._camera, K, square, *depth_range(float(t[2]), self.radius))
         self._window.Render()
         last = self.resolution - 1
         self._window.GetRGBACharPixelData(0, 0, last, last, 0, self._pixels)

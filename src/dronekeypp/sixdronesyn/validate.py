@@ -7,29 +7,16 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from tqdm import tqdm
 
-from dronekeypp import files
-from dronekeypp.camera import project
 from dronekeypp.classes import DroneClass
 from dronekeypp.errors import InputError
-from dronekeypp.sixdronesyn import bop, depth, scenes, targets
-from dronekeypp.sixdronesyn.drones import DRONES, SEVEN
+from dronekeypp.sixdronesyn import bop, depth_files, scenes, targets
 from dronekeypp.sixdronesyn.flight import frame_digest
-from dronekeypp.sixdronesyn.folders import edition_of, read_image, split_of
+from dronekeypp.sixdronesyn.folders import edition_of, read_digests, read_image, read_manifest, split_of
+from dronekeypp.sixdronesyn.frame_checks import frame_faults, needed_fields
 from dronekeypp.sixdronesyn.manifest import totals
 from dronekeypp.sixdronesyn.models import FOLDERS as MODEL_FOLDERS
-
-# What a frame of 6DroneSyn has in each of the three scene files. Any other BOP folder may lack some of it.
-FIELDS = (
-    ("cam_K", "cam_R_w2c", "cam_t_w2c"),
-    ("obj_id", "cam_R_m2c", "cam_t_m2c", "keypoints_2d", "keypoints_3d", "keypoints_visible"),
-    ("bbox_obj",),
-)
-# And what the second edition has beside it.
-SECOND_FIELDS = ((), ("keypoints_body",), ("bbox_visib",))
-CROP_FIELDS = (("cam_K_frame",), (), ("crop",))
 
 
 def validate(root: str | Path, progress: bool = False) -> list[str]:
@@ -48,10 +35,11 @@ def validate(root: str | Path, progress: bool = False) -> list[str]:
         InputError: there is no readable manifest at all.
     """
     root = Path(root)
-    manifest = bop.read_json(root / "manifest.json")
-    if not isinstance(manifest, dict) or not {"settings", "planned"} <= manifest.keys():
+    manifest = read_manifest(root)
+    if not manifest:
         raise InputError(
-            f"{root / 'manifest.json'}: holds no settings and plan; generate this data set again"
+            f"{root / 'manifest.json'}: missing, or not the manifest of 6DroneSyn; "
+            "is this a data set of `python -m dronekeypp generate`?"
         )
     check = _Validation(root, manifest)
     check.plan()
@@ -62,42 +50,6 @@ def validate(root: str | Path, progress: bool = False) -> list[str]:
     check.bop_scripts()
     check.coco()
     return check.faults
-
-
-def frame_faults(frame: bop.Frame, hubs: np.ndarray | None = None) -> list[str]:
-    """Return what is geometrically wrong with one frame of 6DroneSyn, in short sentences.
-
-    Args:
-        frame: the frame, with all of its fields.
-        hubs: (4, 3) of its drone, body axes, metres. None takes those of the seven, whose numbers are 1 to 7;
-            a drone that is none of the seven is then not compared with its hubs.
-    """
-    faults = []
-    if hubs is None and frame.obj_id <= len(SEVEN):
-        hubs = DRONES[SEVEN[frame.obj_id - 1]].hubs
-    if hubs is not None:
-        off = np.abs(frame.keypoints_3d - (hubs @ frame.R.T + frame.t)).max()
-        if off > 1e-5:
-            faults.append(f"keypoints_3d are {off:.2g} m from R · hubs + t")
-        if frame.hubs is not None and np.abs(frame.hubs - hubs).max() > 1e-5:
-            faults.append("keypoints_body are not the hubs of models_info.json")
-    if (frame.keypoints_3d[:, 2] <= 0).any():
-        faults.append("a keypoint lies behind the camera")
-    else:
-        off = np.abs(project(frame.keypoints_3d, frame.K) - frame.keypoints_2d).max()
-        if off > 0.01:
-            faults.append(f"keypoints_2d are {off:.2g} px from the projection of keypoints_3d")
-    frame_size = np.array([scenes.WIDTH, scenes.HEIGHT])
-    low, high = frame.box[:2], frame.box[:2] + frame.box[2:]
-    if (low < -0.01).any() or (high > frame_size + 0.01).any():
-        faults.append("bbox_obj reaches outside the frame")
-    if ((frame.keypoints_2d < low - 0.01) | (frame.keypoints_2d > high + 0.01)).any():
-        faults.append("a keypoint lies outside bbox_obj")
-    if frame.square is not None:
-        low, high = frame.square[:2], frame.square[:2] + frame.square[2]
-        if (low < -0.01).any() or (high > frame_size + 0.01).any():
-            faults.append("the crop reaches outside the frame")
-    return faults
 
 
 class _Validation:
@@ -163,7 +115,7 @@ class _Validation:
         try:
             entries = bop.read_entries(folder)
             about = bop.read_json(folder / "flight.json")
-            digests = _read_digests(folder / "flight.json", about, self._files_of_a_frame)
+            digests = read_digests(folder / "flight.json", about, self._files_of_a_frame)
         except InputError as error:
             self.faults.append(str(error))
             return
@@ -190,21 +142,21 @@ class _Validation:
                 self._annotation(folder, number, (camera, truths[0], infos[0]), annotation)
                 self._image(bop.image_path(folder, number), image)
                 settings = self.manifest["settings"]
-                self.faults += depth.faults(folder, number, infos[0], others, settings)
+                self.faults += depth_files.faults(folder, number, infos[0], others, settings)
                 self.images[image].append((split, bop.image_path(folder, number)))
 
     @property
     def _files_of_a_frame(self) -> int:
         """Return how many image files each frame has: its picture, and what else was asked for."""
-        return 1 + len(depth.paths(self.root, 0, self.manifest["settings"]))
+        return 1 + len(depth_files.paths(self.root, 0, self.manifest["settings"]))
 
     def _strangers(self, folder: Path, numbers: Iterable[int]) -> None:
         """Check that no image of a flight belongs to a frame that is not there."""
         expected = set()
         for number in numbers:
             expected.add(bop.image_path(folder, number))
-            expected.update(depth.paths(folder, number, self.manifest["settings"]))
-        for name in ("rgb", *depth.FOLDERS):
+            expected.update(depth_files.paths(folder, number, self.manifest["settings"]))
+        for name in ("rgb", *depth_files.FOLDERS):
             for path in sorted((folder / name).glob("*")):
                 if path not in expected:
                     self.faults.append(f"{path}: an image without an annotation")
@@ -234,7 +186,7 @@ class _Validation:
                 f"{folder} frame {number}: the annotation is not the one that was generated "
                 "(its digest differs)"
             )
-        for name, part, keys in zip(bop.SCENE_FILES, entry, self._fields(), strict=True):
+        for name, part, keys in zip(bop.SCENE_FILES, entry, needed_fields(self.manifest), strict=True):
             for key in keys:
                 if part.get(key) is None:
                     self.faults.append(f"{folder / name} frame {number}: the field {key} is missing")
@@ -254,16 +206,6 @@ class _Validation:
             )
         for fault in frame_faults(frame, hubs):
             self.faults.append(f"{folder / bop.SCENE_FILES[1]} frame {number}: {fault}")
-
-    def _fields(self) -> list[tuple[str, ...]]:
-        """Return the fields that a frame must have in each of the three scene files."""
-        settings = self.manifest["settings"]
-        fields = list(FIELDS)
-        if edition_of(self.manifest) != 1:
-            fields = [ours + more for ours, more in zip(fields, SECOND_FIELDS, strict=True)]
-            if settings["frames"] == "crop":
-                fields = [ours + more for ours, more in zip(fields, CROP_FIELDS, strict=True)]
-        return fields
 
     def _image(self, path: Path, digest: str) -> None:
         """Check that an image can be read, is the generated one, and has the size of the settings."""
@@ -311,14 +253,21 @@ class _Validation:
         if edition_of(self.manifest) == 1 or "flights" not in self.manifest:
             return
         mend = "run generate again, it writes what is missing"
-        for number in self.models:
-            for name in MODEL_FOLDERS:
-                path = self.root / name / f"obj_{number:06d}.ply"
-                if not path.is_file():
-                    self.faults.append(f"{path}: missing; delete {self.root / bop.MODELS} and {mend}")
+        for folder in MODEL_FOLDERS:
+            for name in ("models_info.json", *(f"obj_{number:06d}.ply" for number in self.models)):
+                path = self.root / folder / name
+                if self.models and not path.is_file():
+                    self.faults.append(f"{path}: missing; {mend}")
         expected = targets.targets(self.manifest["flights"], edition_of(self.manifest))
         path = self.root / targets.NAME
-        if expected and (not path.is_file() or files.read_json(path) != expected):
+        if not expected:
+            return
+        try:
+            listed = bop.read_json(path) if path.is_file() else []
+        except InputError as error:
+            self.faults.append(f"{error}; {mend}")
+            return
+        if listed != expected:
             self.faults.append(f"{path}: does not list the test pictures; {mend}")
 
     def coco(self) -> None:
@@ -337,19 +286,3 @@ class _Validation:
                 continue
             if listed != count:
                 self.faults.append(f"{path}: lists {listed} images, the manifest {count}")
-
-
-def _read_digests(path: Path, about: Any, files: int) -> dict[str, list[str]]:
-    """Return {frame: digests of its image, of its annotation, of its other images} of a flight.json.
-
-    `files` is how many images a frame has.
-
-    Raises:
-        InputError: the file has no digests.
-    """
-    digests = about.get("digests") if isinstance(about, dict) else None
-    pairs = digests.values() if isinstance(digests, dict) else [None]
-    for pair in pairs:
-        if not isinstance(pair, list) or len(pair) != 1 + files:
-            raise InputError(f"{path}: no digests; generate this flight again")
-    return digests
