@@ -18,7 +18,8 @@ def rendering_speed(
 ) -> dict[str, Any]:
     """Render crops of the second edition, and return how many a second.
 
-    The start-up does not count: the processes, the panoramas and the windows are there when the clock starts.
+    The start-up does not count: the panoramas are drawn, and the processes and their windows are there, when
+    the clock starts.
 
     Args:
         workers: the number of processes.

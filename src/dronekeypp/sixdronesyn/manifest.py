@@ -74,8 +74,8 @@ def start_manifest(
         plan = scenes.quadrotor_flights(range(*settings["quadrotors"]), scene_numbers)
         if not plan:
             raise InputError(
-                "no flight: of ten quadrotors 0 to 7 fly in training scenes, 8 in validation scenes and 9 in "
-                "test scenes; choose other numbers or scenes"
+                "no flight: quadrotors whose number ends in 0 to 7 fly in training scenes, in 8 in "
+                "validation scenes, in 9 in test scenes; choose other numbers or scenes"
             )
     else:
         edition = settings["edition"]

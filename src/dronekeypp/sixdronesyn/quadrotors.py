@@ -163,7 +163,10 @@ def name_of(number: int) -> str:
 
 
 def split_of(number: int) -> str:
-    """Return the split that quadrotor `number` flies in: eight of ten train, one validates, one tests."""
+    """Return the split that quadrotor `number` flies in.
+
+    Numbers that end in 0 to 7 are for training, in 8 for validation, in 9 for the test.
+    """
     return {8: "val", 9: "test"}.get(number % 10, "train")
 
 
