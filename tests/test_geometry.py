@@ -232,6 +232,23 @@ def test_every_part_learns(network):
         assert parameter.grad.abs().max() > 0, name
 
 
+def test_without_its_search_the_guess_is_the_answer():
+    """With search=False the answer is the direct branch's, gradients and claimed deviations included."""
+    model = DroneKeyPP(ModelConfig.from_dict({**SETTINGS, "search": False}))
+    model.prepare(FakeDrones(64).annotations())
+    items = batch(4)
+    out = model.train()(items["image"], items["K"], items["square"])
+    assert torch.equal(out["R"], out["R_direct"])
+    assert torch.equal(out["t"], out["t_direct"])
+    deviation = out["covariance"].diagonal(dim1=1, dim2=2).sqrt()
+    size = model.decoder.shapes.size_deviation(out["class_probs"])[:, None] * out["t"]
+    shift = (out["distance_sigma"] * out["t"][:, 2])[:, None]
+    torch.testing.assert_close(deviation[:, :3], out["angle_sigma"][:, None].expand(4, 3))
+    torch.testing.assert_close(deviation[:, 3:], (shift.square() + size.square()).sqrt())
+    out["t"].sum().backward()
+    assert model.decoder.mlp_pose[-1].weight.grad.abs().max() > 0
+
+
 def test_doubt_does_not_pay_with_accuracy():
     """The likelihood of an error teaches the sigma and leaves the answer alone."""
     error = torch.tensor([0.04, 0.01], requires_grad=True)

@@ -15,6 +15,8 @@ from dronekeypp import camera
 from dronekeypp.errors import InputError
 from dronekeypp.files import write_beside
 from dronekeypp.model import (
+    Backbone,
+    BackboneConfig,
     CompactResNet,
     DroneKeyPP,
     EncoderLayer,
@@ -27,6 +29,7 @@ from dronekeypp.model import (
     total_loss,
 )
 from dronekeypp.model.decoder import centre_and_spread, from_site
+from dronekeypp.train.precision import set_precision
 
 
 def batch(n=3, size=32):
@@ -205,22 +208,44 @@ def test_an_allocentric_head_turns_with_the_ray():
     assert_rotations(out["R"])
 
 
-def test_a_backbone_in_bfloat16_trains_and_answers_in_float32():
+@pytest.mark.parametrize("changes", [{}, {"pose": "geometric"}])
+def test_what_looks_at_the_picture_trains_in_bfloat16_and_answers_in_float32(changes):
     """bfloat16 changes the outputs a little and only in training. Outputs and gradients stay float32."""
-    model, items = network(), batch()
+    model, items = network(**changes), batch()
     exact = run(model.train(), items)["keypoints"]
-    model.backbone.bfloat16 = True
-    rounded = run(model, items)["keypoints"]
-    assert rounded.dtype == torch.float32
-    assert not torch.equal(rounded, exact)
-    torch.testing.assert_close(rounded, exact, atol=0.05, rtol=0)
-    rounded.sum().backward()
+    set_precision(model, "bfloat16")
+    rounded = run(model, items)
+    assert rounded["keypoints"].dtype == rounded["R"].dtype == torch.float32
+    assert rounded["attention"][0].dtype == torch.bfloat16
+    assert not torch.equal(rounded["keypoints"], exact)
+    torch.testing.assert_close(rounded["keypoints"], exact, atol=0.05, rtol=0)
+    rounded["keypoints"].sum().backward()
     for parameter in model.backbone.parameters():
         assert parameter.dtype == torch.float32
         assert parameter.grad.dtype == torch.float32
     evaluated = run(model.eval(), items)["keypoints"]
-    model.backbone.bfloat16 = False
+    set_precision(model, "float32")
     assert torch.equal(run(model, items)["keypoints"], evaluated)
+    assert torch.equal(run(model.train(), items)["keypoints"], exact)
+
+
+@pytest.mark.parametrize(
+    ("settings", "stages", "frozen"),
+    [({}, 0, ""), ({}, 1, "0"), ({}, 2, "01"), ({"backbone": "resnet18"}, 2, "01234")],
+)
+def test_frozen_stages_stay_as_they_were(settings, stages, frozen):
+    """Their weights get no gradient, and their batch norms stay in evaluation mode while the rest trains."""
+    backbone = Backbone(BackboneConfig(image_size=32, **settings))
+    backbone.freeze(stages)
+    before = {key: value.clone() for key, value in backbone.state_dict().items()}
+    backbone.train()(torch.rand(2, 3, 32, 32)).sum().backward()
+    for key, parameter in backbone.named_parameters():
+        assert (parameter.grad is None) == (key.split(".")[1] in frozen), key
+    for key, value in backbone.state_dict().items():
+        if key.endswith("running_mean"):
+            assert torch.equal(value, before[key]) == (key.split(".")[1] in frozen), key
+    backbone.freeze(0)
+    assert all(module.training for module in backbone.modules())
 
 
 def test_relu_is_alive_at_the_start_and_cuts_below_zero():

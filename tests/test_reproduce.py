@@ -169,6 +169,17 @@ def test_what_was_measured_from_other_weights_or_frames_is_measured_again(finish
     assert source_digest(tmp_path / "first", data) != source_digest(tmp_path / "second", data)
 
 
+def test_trainings_side_by_side_fill_the_same_table(finished, tmp_path):
+    """Two trainings at a time make the table of one at a time, but for the last digits of another thread."""
+    root, data, one_by_one = finished
+    recorded = start(tmp_path, data, "--trainings", "2")
+    assert tables.methods(recorded) == tables.methods(one_by_one)
+    assert [run["seed"] for run in recorded["runs"]] == [run["seed"] for run in one_by_one["runs"]]
+    assert {run["hardware"].split(" of ")[0] for run in recorded["runs"]} == {"1 thread"}
+    first, second = over_frames(recorded), over_frames(one_by_one)
+    assert first["R_mae_deg"] == pytest.approx(second["R_mae_deg"], rel=0.2)
+
+
 def test_a_second_call_trains_nothing(finished):
     root, data, recorded = finished
     next(root.rglob("hardware.txt")).unlink()  # as a kill after the last epoch leaves a run

@@ -15,7 +15,7 @@ import pytest
 import torch
 from fakes import FakeDrones, tiny_config
 from safetensors import safe_open
-from safetensors.torch import load_file
+from safetensors.torch import load_file, save_file
 from torch.utils.data import Subset, default_collate
 
 from dronekeypp import camera, presets, pretrain, train
@@ -23,7 +23,18 @@ from dronekeypp.augment import mirrored
 from dronekeypp.checkpoint import network_class
 from dronekeypp.data import open_dataset
 from dronekeypp.errors import InputError
-from dronekeypp.model import DECODERS, TERMS, DroneKeyPP, ModelConfig, PoseNetwork, loss_terms, total_loss
+from dronekeypp.model import (
+    DECODERS,
+    TERMS,
+    Backbone,
+    BackboneConfig,
+    DroneKeyPP,
+    ModelConfig,
+    PoseNetwork,
+    loss_terms,
+    total_loss,
+)
+from dronekeypp.model.backbone import save_backbone
 from dronekeypp.presets import TrainConfig
 
 TESTS = Path(__file__).parent
@@ -65,6 +76,46 @@ def interrupt(state):
 def interrupt_at_epoch_2(state):
     if state.epoch == 2:
         raise KeyboardInterrupt
+
+
+def test_a_pretrained_stem_stays_and_a_new_one_learns(tmp_path):
+    """frozen_stages holds stages of stored weights, a resumed run included; without weights all learn."""
+    weights = tmp_path / "backbone.safetensors"
+    backbone = Backbone(BackboneConfig(image_size=32))
+    save_file(save_backbone(backbone), weights)
+    freeze, model = {"frozen_stages": 1}, {"backbone_weights": weights}
+    with pytest.raises(KeyboardInterrupt):
+        train_tiny(tmp_path / "run", changes=freeze, model=model, on_epoch=interrupt_at_epoch_2)
+    best = train_tiny(tmp_path / "run", changes=freeze, model=model, resume=True)
+    trained, stored = load_file(best / "model.safetensors"), load_file(weights)
+    assert torch.equal(trained["backbone.net.0.0.weight"], stored["net.0.0.weight"].float())
+    assert torch.equal(trained["backbone.net.0.1.running_mean"], stored["net.0.1.running_mean"].float())
+    assert not torch.equal(trained["backbone.net.1.0.conv1.weight"], stored["net.1.0.conv1.weight"].float())
+    torch.manual_seed(3)
+    start = DroneKeyPP(tiny_config()).state_dict()
+    best = train_tiny(tmp_path / "scratch", changes=freeze)
+    key = "backbone.net.0.0.weight"
+    assert not torch.equal(load_file(best / "model.safetensors")[key], start[key])
+
+
+def test_the_weight_of_the_rotation_scales_its_gradient(monkeypatch):
+    """rotation_weight multiplies L_rot in the sum, and the history keeps the value without it."""
+    totals = []
+
+    def total(terms, weights):
+        totals.append(terms)
+        return total_loss(terms, weights)
+
+    monkeypatch.setattr(train.loop, "total_loss", total)
+    seen = []
+    for weight in (1.0, 26.0):
+        torch.manual_seed(0)
+        config = settings(epochs=1, rotation_weight=weight)
+        history = train.fit(DroneKeyPP(tiny_config()), FakeDrones(8), FakeDrones(8, seed=1), config)
+        seen.append((totals[-1]["L_rot"].item(), history[0]["train_L_rot"]))
+    (plain, printed), (weighted, printed_too) = seen
+    assert weighted == pytest.approx(26 * plain)
+    assert printed == pytest.approx(printed_too) == pytest.approx(plain)
 
 
 @pytest.mark.parametrize("rotation", ["euler", "sixd"])
@@ -450,6 +501,8 @@ def test_overrides_that_do_not_fit_or_are_not_used(preset, overrides, match):
 def test_a_baseline_refuses_the_settings_of_others(method, setting):
     with pytest.raises(InputError, match=f"unknown setting '{setting}' for {method}; known: "):
         presets.preset("cpu", {setting: 1}, network_class(method))
+    with pytest.raises(InputError, match="rotation_weight=2 is not used: DroneKey learns no rotation"):
+        presets.preset("cpu", {"rotation_weight": 2}, network_class("DroneKey"))
     with pytest.raises(InputError, match="keypoint_unit=5 is not used: DronePose finds no keypoints"):
         presets.preset("cpu", {"keypoint_unit": 5}, network_class("DronePose"))
 

@@ -195,3 +195,6 @@ def reproduce(p: ArgumentParser) -> None:
     p.add_argument("--real", type=Path, metavar="DIR", help=real)
     p.add_argument("--root", type=Path, default=Path("."), metavar="DIR", help=root)
     p.add_argument("--workers", type=int, default=2, metavar="N", help="rendering processes")
+    p.add_argument(
+        "--trainings", type=int, default=1, metavar="N", help="trainings side by side; they share the cores"
+    )

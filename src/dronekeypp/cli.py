@@ -158,6 +158,7 @@ def _reproduce(args: Namespace) -> None:
         photographs=args.photographs,
         real=args.real,
         workers=args.workers,
+        trainings=args.trainings,
     )
 
 

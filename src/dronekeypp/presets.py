@@ -26,10 +26,12 @@ class TrainConfig(Settings):
     batch: int = 32  # frames a step, over all processes together
     lr: float = 1e-5  # Adam; a cosine takes it to 0 over the whole run
     backbone_lr: float = 1.0  # the backbone's share of lr: below 1 keeps what pretraining taught it
+    frozen_stages: int = 0  # first stages of a pretrained backbone that do not learn: 1 the stem, 2 one more
     warmup: int = 0  # steps of linear warm-up before the cosine; the paper has none
     clip: float = 0.0  # largest norm of the gradient; 0 leaves it alone, as the paper does
     weight_decay: float = 0.0
     keypoint_unit: float = 10.0  # side of the crop in the unit of y2D: the hidden weight of L_2D
+    rotation_weight: float = 1.0  # what L_rot is multiplied with; the paper's is 1
     schedule: str = "equal"  # Table 6: "equal" | "tanh" | "shifted" | "biased"
     augment: bool = False  # the crop's margin and centre drawn anew; the paper has no augmentation
     degrade: bool = False  # half of the crops as a small, compressed video shows them; the paper has none
@@ -40,7 +42,7 @@ class TrainConfig(Settings):
     workers: int = 0  # data loading processes
     max_minutes: float = 0.0  # stop after the epoch in which this is reached; 0: never
     device: str = "auto"  # "auto" | "cpu" | "cuda"
-    precision: str = "float32"  # of the backbone while training: "float32" | "bfloat16", faster on some CPUs
+    precision: str = "float32"  # of what looks at the picture: "float32" | "bfloat16", faster on some CPUs
 
     CHOICES: ClassVar[dict[str, tuple[str, ...]]] = {
         "schedule": SCHEDULES,
@@ -52,10 +54,12 @@ class TrainConfig(Settings):
         "batch": 1,
         "lr": 0,
         "backbone_lr": 0,
+        "frozen_stages": 0,
         "warmup": 0,
         "clip": 0,
         "weight_decay": 0,
         "keypoint_unit": 0,
+        "rotation_weight": 0,
         "frames": 0,
         "val_frames": 0,
         "seed": 0,

@@ -196,13 +196,14 @@ def pretrain(
     Raises:
         InputError: a setting or a data set does not fit, or `out_file` exists already.
     """
-    for key in ("schedule", "backbone_lr"):
+    for key in ("schedule", "backbone_lr", "frozen_stages", "rotation_weight"):
         if key in (overrides or {}):
             raise InputError(f"--set {key}: pretraining has its own losses and no {key}; leave it out")
     changes = {
         "epochs": epochs,
         "augment": True,
         "backbone_lr": 1.0,
+        "frozen_stages": 0,
         "backbone_weights": None,
         **(overrides or {}),
     }

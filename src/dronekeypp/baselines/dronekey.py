@@ -8,6 +8,9 @@ adapts to the pose, is left out: both are trained on the same L_2D.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from torch import Tensor
 from torch.nn.functional import mse_loss
 
@@ -31,6 +34,11 @@ class DroneKey(PoseNetwork):
     truth_inputs = ("label",)  # the drone, hence its true size
     judged_by = "keypoints"
     defaults = {"pool": "mean"}
+
+    @classmethod
+    def unused_settings(cls, values: Mapping[str, Any]) -> dict[str, str]:
+        """Add the weight of the rotation: DroneKey learns none."""
+        return {**super().unused_settings(values), "rotation_weight": "DroneKey learns no rotation"}
 
     def __init__(self, config: EncoderConfig | None = None, load_backbone: bool = True) -> None:
         super().__init__()

@@ -82,8 +82,7 @@ class Backbone(nn.Module):
     """This network turns a crop into a feature map.
 
     It takes RGB (B, 3, S, S) in [0, 1], returns (B, C, S/stride, S/stride), and normalises the image itself.
-    With `bfloat16` set to True, the convolutions of a network in training mode are computed in bfloat16. The
-    weights, and the features handed on, stay float32.
+    The weights, and the features handed on, are float32 even where `bfloat16` is set (see `half_precision`).
 
     Args:
         config: which backbone, and its weights.
@@ -101,20 +100,43 @@ class Backbone(nn.Module):
         self.register_buffer("mean", torch.tensor(MEAN).view(1, 3, 1, 1), persistent=False)
         self.register_buffer("std", torch.tensor(STD).view(1, 3, 1, 1), persistent=False)
         weights = config.backbone_weights if load else None
+        self.frozen: list[nn.Module] = []  # see `freeze`
         if config.backbone == "compact":
-            self.net, self.levels = CompactResNet(config.backbone_stride), (2, 3, 4)
+            self.net, self.stem, self.levels = CompactResNet(config.backbone_stride), 1, (2, 3, 4)
             self.pyramid_channels = COMPACT_CHANNELS[1:]
         else:
             net = _torchvision_resnet(config.backbone, imagenet=weights == "imagenet")
             last = net.fc.in_features
             # Without the pooling and the classifier.
-            self.net, self.levels = nn.Sequential(*list(net.children())[:-2]), (4, 5, 7)
+            self.net, self.stem, self.levels = nn.Sequential(*list(net.children())[:-2]), 4, (4, 5, 7)
             self.pyramid_channels = (last // 8, last // 4, last)
         self.channels = self.pyramid_channels[-1]
         if weights not in (None, "imagenet"):
             load_backbone(self, weights)
         # A fifth to a third faster on a CPU; the numbers are the same.
         self.to(memory_format=torch.channels_last)
+
+    def freeze(self, stages: int) -> None:
+        """Keep the first stages as they are while the rest trains.
+
+        Their weights get no gradient, and their batch norms use the stored statistics in training too. The
+        first stages of a pretrained network find edges and blobs, which every picture has (Yosinski et al.,
+        NeurIPS 2014), and at their size of map they cost more time than all others.
+
+        Args:
+            stages: how many; 0 none, 1 the stem, 2 the stem and the first stage, and so on.
+        """
+        count = self.stem + stages - 1 if stages else 0
+        self.frozen = list(self.net.children())[:count]
+        for i, stage in enumerate(self.net):
+            stage.requires_grad_(i >= count)
+        self.train(self.training)
+
+    def train(self, mode: bool = True) -> Backbone:
+        super().train(mode)
+        for stage in self.frozen:
+            stage.eval()
+        return self
 
     def forward(self, image: Tensor) -> Tensor:
         return self.pyramid(image)[-1]
@@ -130,13 +152,21 @@ class Backbone(nn.Module):
         """
         x = ((image - self.mean) / self.std).contiguous(memory_format=torch.channels_last)
         maps = []
-        halved = self.bfloat16 and self.training
-        with torch.autocast(x.device.type, torch.bfloat16, enabled=halved):
+        with half_precision(self, x.device):
             for i, stage in enumerate(self.net):
                 x = stage(x)
                 if i in self.levels:
-                    maps.append(x.float() if halved else x)
+                    maps.append(x.float())
         return maps
+
+
+def half_precision(module: nn.Module, device: torch.device) -> torch.autocast:
+    """Return the context in which a module that looks at the picture computes.
+
+    With `module.bfloat16` set to True, the convolutions and matrix products of a module in training mode are
+    computed in bfloat16. Elsewhere the context changes nothing.
+    """
+    return torch.autocast(device.type, torch.bfloat16, enabled=module.bfloat16 and module.training)
 
 
 def _torchvision_resnet(name: str, imagenet: bool) -> nn.Module:

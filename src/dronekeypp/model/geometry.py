@@ -23,11 +23,12 @@ from torch import Tensor, nn
 from torch.nn.functional import interpolate
 
 from dronekeypp import camera, rotations
+from dronekeypp.model.backbone import half_precision
 from dronekeypp.model.contract import Decoder, PictureShape
 from dronekeypp.model.decoder import EMBEDDING, RAY_MODES, RayFeatures, from_site, mlp, true_rays
 from dronekeypp.model.encoder import cell_centres
 from dronekeypp.model.geometric_losses import geometric_loss_terms
-from dronekeypp.model.solver import NEAREST, Problem, refine
+from dronekeypp.model.solver import NEAREST, Problem, refine, unrefined
 from dronekeypp.settings import Settings
 
 WIDTH = 64  # channels of the sharp head
@@ -47,7 +48,12 @@ class SharpHead(nn.Module):
 
     It turns feature maps at three strides into keypoints (B, 4, 2) and their standard deviation
     keypoint_sigma (B, 4), both in crop units.
+
+    With `bfloat16` set to True its convolutions compute in it while they train; see
+    `backbone.half_precision`.
     """
+
+    bfloat16 = False
 
     def __init__(self, channels: tuple[int, int, int], side: int) -> None:
         super().__init__()
@@ -63,11 +69,13 @@ class SharpHead(nn.Module):
         self.to(memory_format=torch.channels_last)
 
     def forward(self, levels: list[Tensor]) -> dict[str, Tensor]:
-        fine = self.lateral[0](levels[0])  # (B, W, s/4, s/4)
-        middle = self.lateral[1](levels[1])  # (B, W, s/8, s/8)
-        x = self.lateral[2](levels[2])
-        x = self.smooth[0](middle + interpolate(x, size=middle.shape[-2:], mode="bilinear"))
-        x = self.smooth[1](fine + interpolate(x, size=fine.shape[-2:], mode="bilinear"))  # (B, W, s/4, s/4)
+        with half_precision(self, levels[0].device):
+            fine = self.lateral[0](levels[0])  # (B, W, s/4, s/4)
+            middle = self.lateral[1](levels[1])  # (B, W, s/8, s/8)
+            x = self.lateral[2](levels[2])
+            x = self.smooth[0](middle + interpolate(x, size=middle.shape[-2:], mode="bilinear"))
+            x = self.smooth[1](fine + interpolate(x, size=fine.shape[-2:], mode="bilinear"))
+        x = x.float()  # (B, W, s/4, s/4)
         heat = torch.softmax(self.to_heatmap(x).flatten(2), dim=2)  # (B, 4, M), each sums to 1
         keypoints = heat @ self.centres  # (B, 4, 2)
         apart = (self.centres - keypoints[:, :, None]).square().sum(dim=-1)  # (B, 4, M)
@@ -126,11 +134,12 @@ class ClassShapes(nn.Module):
 
 @dataclass(frozen=True)
 class GeometricConfig(Settings):
-    """These are the settings of the geometric decoder's direct branch; the search has none."""
+    """These are the settings of the geometric decoder."""
 
-    rays: str = "raw"  # what its ray embedding is fed: "raw" | "standardised" | "split"
-    decoder_width: int = 256  # hidden width of its MLP
+    rays: str = "raw"  # what the direct branch's ray embedding is fed: "raw" | "standardised" | "split"
+    decoder_width: int = 256  # hidden width of the direct branch's MLP
     decoder_layers: int = 3  # its hidden layers
+    search: bool = True  # False: the direct branch's guess is the answer
 
     CHOICES: ClassVar[dict[str, tuple[str, ...]]] = {"rays": RAY_MODES}
     LEAST: ClassVar[dict[str, float]] = {"decoder_width": 1, "decoder_layers": 1}
@@ -213,9 +222,12 @@ class GeometricDecoder(Decoder):
         hubs = self.shapes(probs)
         focal = torch.stack([K[:, 0, 0], K[:, 1, 1]], dim=1)  # (B, 2)
         ray_sigma = sigma[:, :, None] * (square[:, 2:] / focal)[:, None]  # (B, 4, 2)
-        depth = t0[:, 2].detach().clamp(min=NEAREST)
-        prior = R0.detach(), t0.detach(), angle_sigma, distance_sigma * depth
-        fit = refine(Problem(hubs, rays[..., :2], ray_sigma, *prior))
+        t_sigma = distance_sigma * t0[:, 2].detach().clamp(min=NEAREST)
+        if self.config.search:
+            guess = R0.detach(), t0.detach(), angle_sigma, t_sigma
+            fit = refine(Problem(hubs, rays[..., :2], ray_sigma, *guess))
+        else:
+            fit = unrefined(R0, t0, angle_sigma, t_sigma)
         return {
             "keypoints_px": pixels,
             "rays": rays,

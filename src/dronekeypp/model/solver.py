@@ -187,3 +187,21 @@ def refine(problem: Problem) -> dict[str, Tensor]:
     _, _, H = problem.normal_equations(R, t)
     covariance = solve(H, torch.eye(6, dtype=t.dtype, device=t.device).expand_as(H))
     return {"R": R, "t": t, "cost": cost, "covariance": covariance, "apart": apart, "share": share}
+
+
+def unrefined(R0: Tensor, t0: Tensor, angle_sigma: Tensor, distance_sigma: Tensor) -> dict[str, Tensor]:
+    """Return a guess in the form of `refine`'s answer, as if the search had moved it nowhere.
+
+    Its covariance is what the guess claims, its cost 0, and there is no other pose. For the arguments see
+    `Problem`.
+    """
+    nowhere = torch.zeros(len(t0), 6, dtype=t0.dtype, device=t0.device)
+    prior = torch.stack([angle_sigma] * 3 + [distance_sigma] * 3, dim=1)  # (B, 6)
+    return {
+        "R": R0,
+        "t": t0,
+        "cost": nowhere[:, :2],
+        "covariance": torch.diag_embed(prior.square()),
+        "apart": nowhere,
+        "share": nowhere[:, 0],
+    }

@@ -49,6 +49,7 @@ def reproduce(
     photographs: str | Path | None = None,
     real: str | Path | None = None,
     workers: int = 2,
+    trainings: int = 1,
     progress: bool = True,
 ) -> dict[str, Any]:
     """Measure one table, and keep everything that an earlier call made.
@@ -66,6 +67,8 @@ def reproduce(
         photographs: a folder of 360° panoramas, for `domains` and `figure6`.
         real: a folder of real drone frames with boxes.csv, for `figure6`.
         workers: the number of processes that render.
+        trainings: how many trainings run side by side, as processes that share the cores. On two cores two
+            are faster than one, and each has one thread.
         progress: whether to print what is being done.
 
     Returns:
@@ -81,6 +84,8 @@ def reproduce(
         raise InputError(f"unknown preset {preset!r}; known: {', '.join(BUDGETS)}")
     if seeds is not None and seeds < 1:
         raise InputError(f"--seeds {seeds}: at least 1")
+    if trainings < 1:
+        raise InputError(f"--trainings {trainings}: at least 1")
     if "max_minutes" in (overrides or {}):
         raise InputError(
             "--set max_minutes: a run that is cut short would count as finished; "
@@ -102,6 +107,7 @@ def reproduce(
         photographs=Path(photographs) if photographs else None,
         real=Path(real) if real else None,
         workers=workers,
+        trainings=trainings,
         progress=progress,
     )
     return table.reproduce(bench, seeds)

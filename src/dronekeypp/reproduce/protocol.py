@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import platform
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import joblib
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
@@ -103,13 +104,41 @@ class Table:
         The result is written anew after each job that was trained, so a kill loses nothing. What an earlier
         call finished comes first, so that nothing is recorded without it.
         """
-        finished = [self.finished(job) for job in jobs]
         parts: dict[int, Part] = {}
-        for i in sorted(range(len(jobs)), key=lambda i: not finished[i]):
+        waiting = []
+        for i, job in enumerate(jobs):
+            if self.finished(job):
+                parts[i] = self.measure(job)
+            else:
+                waiting.append(i)
+        trained = self.train_in_turn([jobs[i] for i in waiting], bench.trainings)
+        for i, _ in zip(waiting, trained, strict=True):
             parts[i] = self.measure(jobs[i])
-            if not finished[i]:
-                self.record(bench, [parts[k] for k in sorted(parts)])
+            self.record(bench, [parts[k] for k in sorted(parts)])
         return self.record(bench, [parts[k] for k in sorted(parts)])
+
+    def train_in_turn(self, jobs: Sequence[Job], side_by_side: int) -> Iterator[None]:
+        """Train jobs, and yield after each of them in their order.
+
+        Several side by side are processes of one thread or more. Small networks do not fill two cores: two
+        trainings of one thread each take less time than two of two threads, one after the other.
+
+        Args:
+            jobs: what to train.
+            side_by_side: how many at a time; they share the cores. 1 trains in this process.
+        """
+        if side_by_side == 1 or len(jobs) < 2:
+            for job in jobs:
+                self.train(job)
+                yield
+            return
+        threads = max(1, torch.get_num_threads() // side_by_side)
+        calls = [joblib.delayed(_train)(self, job, threads) for job in jobs]
+        yield from joblib.Parallel(n_jobs=side_by_side, return_as="generator", batch_size=1)(calls)
+
+    def train(self, job: Job) -> None:
+        """Make the training of a job, or what is left of it."""
+        job.bench.train(job.run, job.seed)
 
     def finished(self, job: Job) -> bool:
         """Tell whether the training of a job has ended."""
@@ -167,6 +196,12 @@ class Table:
         The default is none.
         """
         return {}
+
+
+def _train(table: Table, job: Job, threads: int) -> None:
+    """Make the training of a job in a process of its own."""
+    torch.set_num_threads(threads)
+    table.train(job)
 
 
 def assemble(

@@ -24,6 +24,7 @@ from dronekeypp.presets import TrainConfig
 from dronekeypp.train import choose_device
 
 RESULTS = Path("data_samples") / "results"  # below the root
+HARDWARE = "hardware.txt"  # in a run's folder: what it was trained on
 # Every number the paper prints, by table and row.
 PAPER: dict[str, Any] = json.loads((Path(__file__).parent / "paper.json").read_text(encoding="utf-8"))
 
@@ -81,11 +82,23 @@ def describe(data: Path) -> dict[str, Any]:
 
 
 def hardware(config: TrainConfig) -> str:
-    """Return the device that a training runs on, in words."""
+    """Return the device that a training runs on, in words, with its threads where that is a CPU."""
     device = choose_device(config)
     if device.type == "cuda":
         return torch.cuda.get_device_name(device)
-    return f"{os.cpu_count()} CPU cores ({platform.machine()})"
+    threads = torch.get_num_threads()
+    return f"{threads} thread{'s'[: threads != 1]} of {os.cpu_count()} CPU cores ({platform.machine()})"
+
+
+def keep_hardware(folder: Path, config: TrainConfig) -> None:
+    """Write what a training ran on into its folder, if nothing stands there yet."""
+    if not (folder / HARDWARE).is_file():
+        write_beside(folder / HARDWARE, f"{hardware(config)}\n".encode())
+
+
+def read_hardware(folder: Path) -> str:
+    """Return what a training ran on, in words."""
+    return (folder / HARDWARE).read_text(encoding="utf-8").strip()
 
 
 def source_digest(weights: Path, data: Path) -> str:

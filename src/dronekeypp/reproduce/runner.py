@@ -23,10 +23,17 @@ from dronekeypp.data import FrameDataset, open_dataset
 from dronekeypp.errors import InputError
 from dronekeypp.evaluate import evaluate
 from dronekeypp.evaluate.statistics import Frames
-from dronekeypp.files import read_json, write_beside
+from dronekeypp.files import read_json
 from dronekeypp.model import DroneKeyPP, PoseNetwork
 from dronekeypp.presets import TrainConfig
-from dronekeypp.reproduce.results import describe, hardware, read_npz, source_digest, write_npz
+from dronekeypp.reproduce.results import (
+    describe,
+    keep_hardware,
+    read_hardware,
+    read_npz,
+    source_digest,
+    write_npz,
+)
 from dronekeypp.settings import Settings
 from dronekeypp.sixdronesyn import bop, folders
 from dronekeypp.sixdronesyn.scenes import count_frames
@@ -40,8 +47,6 @@ from dronekeypp.train import (
     train_on,
     weights_digest,
 )
-
-HARDWARE = "hardware.txt"  # in a run's folder: what it was trained on
 
 
 @dataclass(frozen=True)
@@ -105,6 +110,7 @@ class Bench:
         photographs: a folder of 360° panoramas, for what is measured on them.
         real: a folder of real drone frames, for what is measured on them.
         workers: the number of processes that render.
+        trainings: how many trainings run side by side.
         progress: whether to print what is being done.
     """
 
@@ -118,6 +124,7 @@ class Bench:
     photographs: Path | None = None
     real: Path | None = None
     workers: int = 2
+    trainings: int = 1
     progress: bool = True
 
     # --- the data -----------------------------------------------------------------------------------------
@@ -270,8 +277,7 @@ class Bench:
                 progress=self.progress,
                 network=run.network,
             )
-        if not (folder / HARDWARE).is_file():  # also after a kill between the last epoch and this line
-            write_beside(folder / HARDWARE, f"{hardware(training)}\n".encode())
+        keep_hardware(folder, training)  # also after a kill between the last epoch and this line
         return folder / BEST
 
     def network(self, run: Run, seed: int) -> PoseNetwork:
@@ -299,7 +305,7 @@ class Bench:
             "parameters": sum(p.numel() for p in model.parameters()),
             "without": run.without,
             "changes": {**model.defaults, **run.changes},
-            "hardware": (folder / HARDWARE).read_text().strip(),
+            "hardware": read_hardware(folder),
         }
 
     # --- measuring ----------------------------------------------------------------------------------------

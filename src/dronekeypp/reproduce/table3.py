@@ -24,6 +24,7 @@ from dronekeypp.reproduce.table3_measures import (
     keep_flights,
     measure_yolo,
     shrink,
+    train_yolo,
     yolo_finished,
 )
 from dronekeypp.reproduce.tables import (
@@ -88,6 +89,12 @@ class Table3(Table):
         if job.run.method == yolo.METHOD:
             return yolo_finished(job.bench, job.run, job.seed)
         return super().finished(job)
+
+    def train(self, job: Job) -> None:
+        if job.run.method == yolo.METHOD:
+            train_yolo(job.bench, job.run, job.seed)
+        else:
+            super().train(job)
 
     def measure(self, job: Job) -> Part:
         """Measure one run and return {"run", "rows", "averages", "confusion", "arrays"}."""

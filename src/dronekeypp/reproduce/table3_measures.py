@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,15 @@ from dronekeypp.evaluate.statistics import Frames
 from dronekeypp.files import write_beside
 from dronekeypp.model import PoseNetwork
 from dronekeypp.predict import mirror_doubt
-from dronekeypp.reproduce.results import RESULTS, describe, hardware, read_npz, source_digest, write_npz
+from dronekeypp.reproduce.results import (
+    RESULTS,
+    describe,
+    keep_hardware,
+    read_hardware,
+    read_npz,
+    source_digest,
+    write_npz,
+)
 from dronekeypp.reproduce.runner import Bench, Run
 from dronekeypp.train import METRICS, choose_device
 
@@ -44,13 +53,10 @@ def yolo_finished(bench: Bench, run: Run, seed: int) -> bool:
     return yolo.epochs_done(bench.folder(run, seed)) >= yolo_epochs(bench, run, seed)
 
 
-def measure_yolo(bench: Bench, run: Run, seed: int) -> tuple[dict[str | None, Frames], dict[str, Any]]:
-    """Do the work of `Bench.measure` and `Bench.training_record` for YOLOv8n-pose, which trains itself.
-
-    Its PnP gets the class of the true drone, as DroneKey's does.
-    """
+def train_yolo(bench: Bench, run: Run, seed: int) -> Path:
+    """Train what is left of YOLOv8n-pose, which trains itself, and return the file of its best weights."""
     model, training = bench.settings(run, seed)
-    folder, device = bench.folder(run, seed), str(choose_device(training))
+    folder = bench.folder(run, seed)
     bench.say(f"{run.method} seed {seed}: {folder}")
     val_set = bench.split("val", run, seed)
     if training.val_frames:
@@ -64,10 +70,22 @@ def measure_yolo(bench: Bench, run: Run, seed: int) -> tuple[dict[str | None, Fr
         "seed": seed,
         "digest": describe(bench.data)["digest"],
     }
-    weights = yolo.train({"train": train_set, "val": val_set}, folder, settings, device)
+    weights = yolo.train({"train": train_set, "val": val_set}, folder, settings, str(choose_device(training)))
+    keep_hardware(folder, training)
+    return weights
+
+
+def measure_yolo(bench: Bench, run: Run, seed: int) -> tuple[dict[str | None, Frames], dict[str, Any]]:
+    """Do the work of `Bench.measure` and `Bench.training_record` for YOLOv8n-pose.
+
+    Its PnP gets the class of the true drone, as DroneKey's does.
+    """
+    model, training = bench.settings(run, seed)
+    folder = bench.folder(run, seed)
+    weights = train_yolo(bench, run, seed)
     made_from = source_digest(weights, bench.data)
     pnp = PnPPose(model.classes)
-    pnp.learn(read_annotations(train_set))
+    pnp.learn(read_annotations(open_dataset(bench.data, "train", size=model.image_size)))
     test_set = bench.split("test", run, seed)
     answer = None
     frames_of = {}
@@ -77,7 +95,7 @@ def measure_yolo(bench: Bench, run: Run, seed: int) -> tuple[dict[str | None, Fr
         if frames is None:
             if answer is None:
                 pictures = (items["image"] for items in batches_of(test_set, BATCH))
-                answer = yolo.detect(weights, pictures, model.classes, device)
+                answer = yolo.detect(weights, pictures, model.classes, str(choose_device(training)))
             pnp.hypothesis = hypothesis
             frames = detector_errors(answer, test_set, pnp)
             write_npz(path, frames, made_from)
@@ -88,7 +106,7 @@ def measure_yolo(bench: Bench, run: Run, seed: int) -> tuple[dict[str | None, Fr
         "seed": seed,
         **yolo.training_record(folder),
         "changes": {},
-        "hardware": hardware(training),
+        "hardware": read_hardware(folder),
     }
     return frames_of, record
 

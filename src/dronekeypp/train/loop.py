@@ -31,7 +31,9 @@ from dronekeypp.classes import are_named
 from dronekeypp.errors import InputError
 from dronekeypp.evaluate import apply_model, evaluate, measure, to_device
 from dronekeypp.model import PoseNetwork, loss_weights, total_loss
+from dronekeypp.model.backbone import Backbone
 from dronekeypp.presets import TrainConfig
+from dronekeypp.train.precision import set_precision
 from dronekeypp.train.state import TrainState
 
 PREPARED_ON = 2048  # frames, evenly spaced, whose truth a network may look at before the first step
@@ -188,8 +190,10 @@ def fit(
     rank, world = (dist.get_rank(), dist.get_world_size()) if dist.is_initialized() else (0, 1)
     device, started = choose_device(config), time.monotonic()
     model.to(device)
-    if model.backbone is not None:
-        model.backbone.bfloat16 = config.precision == "bfloat16"
+    set_precision(model, config.precision)
+    pretrained = getattr(model.config, "backbone_weights", None) is not None
+    if isinstance(model.backbone, Backbone) and pretrained:
+        model.backbone.freeze(config.frozen_stages)
     if state is None:
         state = TrainState(model, config)
     prepare(state, train_set)
@@ -285,6 +289,8 @@ class _Epochs:
             )
             values = torch.stack([value.detach() for value in terms.values()]).double()
             check_finite(terms, values, items, epoch + 1, number + 1)
+            if "L_rot" in terms:
+                terms = {**terms, "L_rot": config.rotation_weight * terms["L_rot"]}
             self._step(total_loss(terms, loss_weights(config.schedule, step / max(1, self.steps - 1))), lr)
             weighted = values * len(items["square"])
             sums = weighted if sums is None else sums + weighted
