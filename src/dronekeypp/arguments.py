@@ -177,7 +177,7 @@ def bench(p: ArgumentParser) -> None:
 
 
 def reproduce(p: ArgumentParser) -> None:
-    name = "table3 to table6, heads, rays, degraded, priors, figure6, domains, beyond, claims"
+    name = "table3 to table6, rates, heads, rays, degraded, priors, figure6, domains, beyond, claims"
     seeds = "trainings a row (default: 1 or, of an ablation, what its entry says, mostly 3)"
     data = "default: data/6dronesyn; rendered if it is not there"
     stride = "of the rendering: keep every N-th frame of each flight"

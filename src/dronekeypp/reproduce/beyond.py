@@ -44,6 +44,7 @@ from dronekeypp.reproduce.priors import radius
 from dronekeypp.reproduce.protocol import Job, Part, Table
 from dronekeypp.reproduce.results import rows_and_averages
 from dronekeypp.reproduce.runner import Bench, Run
+from dronekeypp.reproduce.table3 import PAPERS, with_rate
 from dronekeypp.reproduce.tables import (
     PRINTED,
     Name,
@@ -64,6 +65,7 @@ __all__ = [
     "HALVES",
     "HIDDEN",
     "LEVELS",
+    "NO_SEARCH",
     "PAPERS",
     "PARTS",
     "WITHOUT",
@@ -89,17 +91,20 @@ __all__ = [
 
 METHOD = DroneKeyPP.method
 SETTINGS = {"pose": "geometric", "classifier": "features"}
-PAPERS, GEOMETRIC = Run(METHOD), Run(METHOD, "geometric", SETTINGS)
+GEOMETRIC = with_rate(Run(METHOD, "geometric", SETTINGS))
+# Trained without its search, which its direct branch alone is not: that one was trained beside the search.
+NO_SEARCH = Run(METHOD, "geometric, trained without its search", {**GEOMETRIC.changes, "search": False})
 # Each drone left out in turn would be seven trainings. These are the smallest and one whose size others have
 # too, with a quarter of the budget.
 WITHOUT = {
-    name: Run(METHOD, f"geometric without {name}", {**SETTINGS, "epochs": 10}, without=name)
+    name: Run(METHOD, f"geometric without {name}", {**GEOMETRIC.changes, "epochs": 10}, without=name)
     for name in ("Tello", "Air2")
 }
+LEFT_OUT = [run.variant for run in WITHOUT.values()]
 
 
 class Beyond(Table):
-    """Compare both networks, and two that were never shown one of the drones.
+    """Compare both networks, ours without its search, and two that were never shown one of the drones.
 
     Each has one seed unless another number is given. The calibrated network is written to
     data_samples/beyond.
@@ -112,7 +117,7 @@ class Beyond(Table):
     def jobs(self, bench: Bench, seeds: int | None) -> list[Job]:
         jobs = []
         for seed in range(seeds or 1):
-            jobs += [Job(bench, PAPERS, seed), Job(bench, GEOMETRIC, seed)]
+            jobs += [Job(bench, run, seed) for run in (PAPERS, GEOMETRIC, NO_SEARCH)]
         return jobs + [Job(bench, run, 0) for run in WITHOUT.values()]
 
     def measure(self, job: Job) -> Part:
@@ -123,14 +128,14 @@ class Beyond(Table):
         """
         bench, run, seed = job.bench, job.run, job.seed
         part: Part = {"rows": [], "averages": []}
-        if run is PAPERS:
+        if run == PAPERS:
             frames_of = bench.measure(run, seed)
         else:
             bench.train(run, seed)
             bench.say(f"asking {run.variant} seed {seed}")
             model, val = load(bench, run, seed)
             test_set = bench.split("test", run, seed)
-            answered = answers(model, test_set, () if run.without else tuple(PARTS))
+            answered = answers(model, test_set, tuple(PARTS) if run == GEOMETRIC else ())
             chosen = slice(None)
             if run.without:
                 chosen = answered.whole["label"] == bench.names.index(run.without)
@@ -139,7 +144,7 @@ class Beyond(Table):
             frames_of = {run.variant: {key: value[chosen] for key, value in answered.whole.items()}}
             for name, frames in answered.parts.items():
                 frames_of[PARTS[name]] = frames
-            if seed == 0 and not run.without:
+            if seed == 0 and run == GEOMETRIC:
                 keep_network(bench, model, bench.folder(run, seed) / METRICS)
                 part |= self.details_of(job, model, answered, val, test_set)
         for variant, frames in frames_of.items():
@@ -222,7 +227,7 @@ def shapes(model: DroneKeyPP, drones: Sequence[DroneClass]) -> list[dict[str, An
 
 def side_by_side(recorded: dict[str, Any]) -> list[Name]:
     """Return the names of the rows that are about all drones."""
-    return [name for name in methods(recorded) if "without" not in (name[1] or "")]
+    return [name for name in methods(recorded) if name[1] not in LEFT_OUT]
 
 
 def markdown(recorded: dict[str, Any]) -> str:
@@ -301,7 +306,7 @@ def _flight_lines(recorded: dict[str, Any]) -> list[str]:
 def _left_out_lines(recorded: dict[str, Any]) -> list[str]:
     rows = []
     for row in recorded["averages"]:
-        if "without" in (row["variant"] or "") and row["over"] == "frames":
+        if row["variant"] in LEFT_OUT and row["over"] == "frames":
             rows.append(row)
     if not rows:
         return []

@@ -14,11 +14,12 @@ from dronekeypp.environments.cache import environment_files
 from dronekeypp.errors import InputError
 from dronekeypp.reproduce.protocol import Job, Part, Table
 from dronekeypp.reproduce.results import describe, rows_and_averages
-from dronekeypp.reproduce.runner import Bench, Run
+from dronekeypp.reproduce.runner import Bench
+from dronekeypp.reproduce.table3 import PAPERS
 from dronekeypp.reproduce.tables import average, interval, line, methods, percent
 
 DOMAINS = ("drawn", "photographs")
-RUN = Run("DroneKey++")  # the one of Table 3: trained before drawn environments it is the same run
+RUN = PAPERS  # the one of Table 3: trained before drawn environments it is the same run
 LEAST = 6  # photographs: with fewer, the splits would share them
 
 
