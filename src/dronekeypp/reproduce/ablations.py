@@ -263,7 +263,7 @@ class AblationTable(Table):
         labels = {"method": METHOD, "variant": job.label, "seed": seed}
         part: Part = {"run": record, **rows_and_averages(frames, bench.names, **labels)}
         if self.ablation.gains:
-            part["by_heading"] = measure_by_heading(bench, run, seed, **labels)
+            part["by_heading"] = measure_by_heading(bench, run, seed, job.label)
         return part
 
     def details(self, bench: Bench) -> dict[str, Any]:

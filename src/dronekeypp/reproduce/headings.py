@@ -47,12 +47,15 @@ def by_heading(frames: Frames, **labels: Any) -> list[dict[str, Any]]:
     return entries
 
 
-def measure_by_heading(bench: Bench, run: Run, seed: int, **labels: Any) -> list[dict[str, Any]]:
-    """Return `by_heading` of a run on the validation and on the test scenes, one split after the other."""
+def measure_by_heading(bench: Bench, run: Run, seed: int, variant: str | None) -> list[dict[str, Any]]:
+    """Return `by_heading` of a run on the validation and on the test scenes, one split after the other.
+
+    `variant` is the name of its row.
+    """
     entries = []
     for split in SCENES:
         frames = bench.measure(run, seed, name=split, split=split)[run.variant]
-        entries += by_heading(frames, **labels, split=split)
+        entries += by_heading(frames, method=run.method, variant=variant, seed=seed, split=split)
     return entries
 
 

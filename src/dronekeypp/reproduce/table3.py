@@ -141,8 +141,7 @@ class Table3(Table):
                 for name in STORED:
                     part["arrays"][f"{title(run.method, variant)}/{name}"] = shrink(frames[name])
         if run.method == METHOD:
-            labels = {"method": METHOD, "variant": run.variant, "seed": seed}
-            part["by_heading"] = measure_by_heading(bench, run, seed, **labels)
+            part["by_heading"] = measure_by_heading(bench, run, seed, run.variant)
         return part
 
     def record(self, bench: Bench, parts: Sequence[Part]) -> dict[str, Any]:
