@@ -10,12 +10,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import torch
+from safetensors import safe_open
 
 from dronekeypp import checkpoint, files
 from dronekeypp.data import open_dataset
 from dronekeypp.errors import InputError
 from dronekeypp.evaluate import evaluate, measure
 from dronekeypp.files import command_line, read_json
+from dronekeypp.model import Backbone, BackboneConfig
 from dronekeypp.reproduce import (
     ablations,
     beyond,
@@ -30,6 +33,7 @@ from dronekeypp.reproduce import (
 )
 from dronekeypp.reproduce.picture import sheet
 from dronekeypp.reproduce.results import describe
+from dronekeypp.sixdronesyn import quadrotors
 from dronekeypp.sixdronesyn.drones import EDITION
 
 ROOT = Path(__file__).parents[1]
@@ -129,6 +133,18 @@ def test_the_recorded_speed_reaches_its_goals():
             rows.append(row)
     fastest = max(rows, key=lambda row: row["frames_per_s"])
     assert fastest["frames_per_s"] >= 100 and fastest["ratio_to_yolov8n_pose"] >= 3
+
+
+def test_the_second_stand_in_has_never_seen_the_seven():
+    """Its header names 480 random quadrotors of the training split, and it fits the backbone."""
+    path = files.repository_root() / "data_samples" / "backbone" / "quadrotors.safetensors"
+    with safe_open(path, "pt") as file:
+        drones = file.metadata()["drones"].split(", ")
+    numbers = [quadrotors.number_of(drone) for drone in drones]
+    assert len(set(numbers)) == 480
+    assert all(number is not None and number < 600 and number % 10 < 8 for number in numbers)
+    features = Backbone(BackboneConfig(backbone_weights=path)).eval()(torch.zeros(1, 3, 96, 96))
+    assert features.shape == (1, 256, 6, 6) and features.isfinite().all()
 
 
 def test_the_shipped_checkpoint_does_what_its_row_says():
