@@ -3,7 +3,7 @@
 The drone's boxes come from any detector, or from one box and a tracker.
 """
 
-from dronekeypp.footage.boxes import check_box, read_boxes
+from dronekeypp.footage.boxes import Boxes, BoxReport, check_box, read_boxes
 from dronekeypp.footage.camera import Calibration, read_camera, read_cameras
 from dronekeypp.footage.pictures import IMAGES, VIDEOS, BopScene, Footage, open_footage, read_picture
 from dronekeypp.footage.tracker import Tracker
@@ -12,6 +12,8 @@ __all__ = [
     "IMAGES",
     "VIDEOS",
     "BopScene",
+    "BoxReport",
+    "Boxes",
     "Calibration",
     "Footage",
     "Tracker",
