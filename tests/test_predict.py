@@ -30,7 +30,6 @@ from dronekeypp.errors import InputError
 from dronekeypp.files import lock_folder
 from dronekeypp.footage import (
     Calibration,
-    Footage,
     Tracker,
     open_footage,
     read_boxes,
@@ -306,8 +305,8 @@ def test_a_run_killed_before_its_first_row_goes_on(footage, small, tmp_path, mon
 def test_a_mended_input_is_taken(footage, small, tmp_path):
     images, camera, boxes, _ = footage
     mine = tmp_path / "boxes.csv"
-    mine.write_text(boxes.read_text().replace("shot_0", "shot_x"))
-    with pytest.raises(InputError, match="line 2: not a frame"):
+    mine.write_text(boxes.read_text().replace("frame,x", "frame,left"))
+    with pytest.raises(InputError, match="the header needs frame, x, y, w, h"):
         predict(small, images, camera, tmp_path / "out", boxes=mine, overlay=False, progress=False)
     mine.write_text(boxes.read_text())
     poses = predict(small, images, camera, tmp_path / "out", boxes=mine, overlay=False, progress=False)
@@ -464,7 +463,9 @@ def test_a_bar_is_shown_in_a_terminal_only(footage, small, tmp_path, capsys, mon
         predict(small, images, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=progress)
     assert given == [None, True]
     shown = capsys.readouterr()
-    assert shown.err == "" and shown.out == f"{tmp_path / 'out'}: 7 poses of 7 frames\n"
+    line = "7 poses of 7 frames; boxes.csv (CSV): 7 of 7 boxes used, 0 left out, 0 on no frame"
+    names = "its first name shot_0.jpg, the footage's shot_0.jpg"
+    assert shown.err == "" and shown.out == f"{tmp_path / 'out'}: {line}; {names}\n"
 
 
 def test_a_video_whose_header_counts_wrong(video, tmp_path):
@@ -583,7 +584,7 @@ def test_a_flight_of_the_data_set_is_footage(small, frames, tmp_path):
     )
     np.testing.assert_allclose(poses[0].box, frames.frames[4].box, atol=0.01)
     np.testing.assert_array_equal(read_camera(flight / "scene_camera.json").K, frames.frames[4].K)
-    with pytest.raises(InputError, match="21 images could be"):
+    with pytest.raises(InputError, match="its first name is test/000600/rgb/000000.jpg, the footage lies in"):
         read_boxes(frames.root / "coco_test.json", ("000000.jpg",), 1920, 1080, tmp_path)
     (tmp_path / "link").symlink_to(flight / "rgb")
     linked = read_boxes(frames.root / "coco_test.json", ("000000.jpg",), 1920, 1080, tmp_path / "link")
@@ -719,24 +720,6 @@ def test_cameras_that_are_not_those_of_the_images_are_refused(crops, small, tmp_
     assert not (tmp_path / "out").exists()
 
 
-def test_coco_sets_of_several_videos(tmp_path):
-    """Frames of a video lie as in a folder of its name. Ids may be long. An absolute name counts, a sliver of
-    a box does not.
-    """
-    ids = (-9223372036854775801, 18446744073709551611, 5.0, 7)
-    names = ("v1/000000.jpg", "v2/000000.jpg", f"{tmp_path}/v2/000001.jpg", "v1/000001.jpg")
-    entries = [{"image_id": i, "bbox": [10 * n, 20, 30, 40]} for n, i in enumerate(ids, 1)]
-    entries.append({"image_id": ids[1], "bbox": [99.5, 20, 0.5, 40]})
-    coco = {
-        "images": [{"id": i, "file_name": name} for i, name in zip(ids, names, strict=True)],
-        "annotations": entries,
-    }
-    (tmp_path / "coco.json").write_text(json.dumps(coco))
-    folder = Footage(tmp_path / "v2.mp4", (), None).folder
-    found = read_boxes(tmp_path / "coco.json", ("000000", "000001"), 200, 100, folder)
-    assert {frame: box[0] for frame, box in found.items()} == {0: 20, 1: 30}
-
-
 @pytest.mark.parametrize("smooth", [-1, float("nan"), 1e-200])
 def test_a_bad_smoothing(footage, small, tmp_path, smooth):
     images, camera, boxes, _ = footage
@@ -767,89 +750,6 @@ def test_one_image_from_the_command_line(footage, small, tmp_path, capsys, monke
 
     monkeypatch.setattr("dronekeypp.predict.predict", stopped)
     assert main([*command, "--box", "1,2,3,4"]) == 130 and capsys.readouterr().err == "stopped\n"
-
-
-def test_numbered_names(tmp_path):
-    for name in ("1.jpg", "2.jpg", "10.jpg"):
-        cv2.imwrite(str(tmp_path / name), np.zeros((8, 8, 3), np.uint8))
-    names = open_footage(tmp_path).names
-    assert names == ("1.jpg", "2.jpg", "10.jpg")  # as people count
-    (tmp_path / "numbers.csv").write_text(
-        "\ufeffframe,x,y,w,h\n0,1,1,2,2\n1,2,1,2,2\n2,3,1,2,2\n", encoding="utf-8"
-    )
-    (tmp_path / "names.csv").write_text("frame,x,y,w,h\n1,1,1,2,2\n2,2,1,2,2\n10,3,1,2,2\n")
-    for name in ("numbers.csv", "names.csv"):
-        assert [box[0] for box in read_boxes(tmp_path / name, names, 8, 8).values()] == [1, 2, 3], name
-
-
-def test_a_detectors_labels_of_a_video(tmp_path):
-    (tmp_path / "flight_1.txt").write_text(
-        "0 0.5 0.5 0.2 0.2 0.9 1\n0 0.1 0.1 0.2 0.2 0.3 9\n"
-    )  # class, box, confidence, track
-    (tmp_path / "flight_3.txt").write_text(
-        "0 0.5 0.5 0.2 0.2 0.1 0.2 0.9 0.3 0.4 0.1\n"
-    )  # class, box, keypoints
-    found = read_boxes(tmp_path, ("000000", "000001", "000002"), 100, 100)
-    assert sorted(found) == [0, 2] and found[0].tolist() == pytest.approx([40, 40, 20, 20])
-
-
-def test_every_format_of_boxes_says_the_same(tmp_path):
-    names = ("a.jpg", "b.jpg", "c.jpg")
-    (tmp_path / "boxes.csv").write_text(
-        "frame,x,y,w,h,score\na.jpg,10,20,30,40,0.5\na.jpg,1,2,3,4,0.4\nc.jpg,50,60,20,10,0.9\n"
-    )
-    (tmp_path / "mot.txt").write_text("1,7,10,20,30,40,0.9,-1,-1,-1\n3,7,50,60,20,10,0.9,-1,-1,-1\n")
-    (tmp_path / "yolo").mkdir()
-    (tmp_path / "yolo" / "a.txt").write_text("0 0.125 0.4 0.15 0.4 0.9\n0 0.5 0.5 0.1 0.1 0.2\n")
-    (tmp_path / "yolo" / "c.txt").write_text("0 0.3 0.65 0.1 0.1\n")
-    (tmp_path / "yolo" / "classes.txt").write_text("drone\n")  # labelImg writes one
-    entries = [{"image_id": 5, "bbox": [10, 20, 30, 40]}, {"image_id": 9, "bbox": [50, 60, 20, 10]}]
-    coco = {
-        "images": [{"id": 5, "file_name": "x/a.jpg"}, {"id": 9, "file_name": "c.jpg"}],
-        "annotations": entries,
-    }
-    (tmp_path / "coco.json").write_text(json.dumps(coco))
-    by_number = [
-        {**entry, "image_id": frame, "score": 0.7} for entry, frame in zip(entries, ("a", 2), strict=True)
-    ]
-    (tmp_path / "detections.json").write_text(json.dumps(by_number))
-    for name in ("boxes.csv", "mot.txt", "yolo", "coco.json", "detections.json"):
-        found = read_boxes(tmp_path / name, names, 200, 100)
-        assert sorted(found) == [0, 2], name
-        np.testing.assert_allclose(found[0], [10, 20, 30, 40], err_msg=name)
-        np.testing.assert_allclose(found[2], [50, 60, 20, 10], err_msg=name)
-
-
-@pytest.mark.parametrize(
-    "name, text, match",
-    [
-        ("b.csv", "frame,x,y\n0,1,2\n", "the header needs frame, x, y, w, h"),
-        ("b.csv", "frame,x,y,w,h\nz.jpg,1,2,3,4\n", "line 2: not a frame"),
-        ("b.csv", "frame,x,y,w,h\n0,1,2,0,4\n", "line 2: a box needs .* above 0"),
-        ("b.csv", "frame,x,y,w,h\n0,300,2,5,4\n", "outside the 200×100 frame"),
-        ("b.csv", "frame,x,y,w,h\n0,nan,2,5,4\n", "finite"),
-        ("b.csv", "frame,x,y,w,h\n9,1,2,5,4\n", "no box for any of the 3 frames"),
-        ("b.txt", "1,2,three\n", "line 1: not numbers"),
-        ("b.txt", "1,2,3\n", "a MOT line is"),
-        ("b.txt", "0 0.5 0.5\n", "a YOLO line is"),
-        ("b.json", "{", "not valid JSON"),
-        ("b.json", "{}", "neither a COCO list"),
-        ("b.txt", "0,7,10,20,30,40,0.9\n", "MOT counts from 1"),
-        ("b.csv", "frame,x,y,w,h,score\n0,1,2,5,4,nan\n", "the score is nan"),
-        ("b.csv", "frame,x,y,w,h\n0,0.5,0.5,0.1,0.1\n", "shares of the frame"),
-        ("b.csv", "frame,x,y,w,h\n-1,1,2,5,4\n", "frame -1; the first is"),
-        ("b.json", '[{"image_id": 1e999, "bbox": [1, 2, 3, 4]}]', "entry 0: needs image_id"),
-        ("b.json", "[" * 100000, "not valid JSON"),
-        ("b.txt", "nan,1,2,3,4,5\n", "line 1: not finite"),
-        ("b.json", '{"images": [1]}', "an image without id"),
-        ("b.json", '{"images": null, "annotations": null}', "neither a COCO list"),
-        ("b.json", '[{"bbox": [1, 2, 3, 4]}]', "entry 0: needs image_id"),
-    ],
-)
-def test_bad_boxes(name, text, match, tmp_path):
-    (tmp_path / name).write_text(text)
-    with pytest.raises(InputError, match=match):
-        read_boxes(tmp_path / name, ("a.jpg", "b.jpg", "c.jpg"), 200, 100)
 
 
 def test_opencvs_own_calibration_files(tmp_path):

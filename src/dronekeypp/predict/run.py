@@ -13,7 +13,8 @@ from tqdm import tqdm
 from dronekeypp.checkpoint import weights_file
 from dronekeypp.classes import names_of
 from dronekeypp.errors import InputError
-from dronekeypp.files import digest, lock_folder, write_beside
+from dronekeypp.evaluate.run import check_writable
+from dronekeypp.files import digest, lock_folder, write_beside, write_json
 from dronekeypp.footage import Footage, Tracker, check_box, open_footage, read_boxes, read_cameras
 from dronekeypp.predict.batches import load_network, predicted
 from dronekeypp.predict.journal import (
@@ -24,12 +25,12 @@ from dronekeypp.predict.journal import (
     Row,
     begin,
     bop_results,
-    boxes_digest,
     check_folder,
     read_journal,
     to_pose,
 )
 from dronekeypp.predict.overlay import TRAJECTORY, draw_trajectory, write_overlay
+from dronekeypp.predict.summary import box_report, closing_line, summary
 from dronekeypp.sequences import gaussian
 from dronekeypp.sixdronesyn import bop
 from dronekeypp.sixdronesyn.results import object_numbers
@@ -46,6 +47,10 @@ def predict(
     overlay: bool = True,
     progress: bool = True,
     rate: float = 30.0,
+    kinds: Sequence[str] = (),
+    tracks: Sequence[str] = (),
+    count_from: int | None = None,
+    json_file: str | Path | None = None,
 ) -> list[Pose]:
     """Find the pose of the drone in every frame that has a box.
 
@@ -63,6 +68,8 @@ def predict(
         overlay: whether to draw the poses on the footage.
         progress: whether to print what was done, and to show a bar in a terminal.
         rate: frames a second of a folder of images; a video knows its own.
+        kinds, tracks, count_from: which boxes of the file are meant, see `footage.read_boxes`.
+        json_file: a file to write the numbers of the closing line to; None for no file.
 
     Raises:
         InputError: An input cannot be read, or `out` was begun with other inputs. A broken frame is no
@@ -72,6 +79,10 @@ def predict(
         raise InputError(f"--rate {rate}: frames a second, above 0")
     if not (smooth == 0 or (np.isfinite(smooth) and smooth >= 1e-3)):
         raise InputError(f"--smooth {smooth}: seconds, at least 0.001, or 0 for none")
+    if boxes is None and (kinds or tracks or count_from is not None):
+        raise InputError("--class, --track and --count-from choose among the boxes of --boxes FILE; give it")
+    if json_file:
+        check_writable(Path(json_file))  # before the work, not after it
     source = open_footage(footage)
     calibrations = read_cameras(camera, source)
     rate = source.rate or rate
@@ -82,7 +93,6 @@ def predict(
         "checkpoint": digest(weights_file(checkpoint).read_bytes()),
         "camera": digest(Path(camera).read_bytes()),
         "footage": [str(source.path.resolve()), len(source.names), source.digest()],
-        "boxes": boxes_digest(boxes) if boxes is not None else [float(value) for value in box],
         "drones": {drone.name: drone.digest for drone in network.drones},
     }
     scene = source.bop_scene
@@ -93,9 +103,10 @@ def predict(
     calibrations = [calibration.for_frames(width, height) for calibration in calibrations]
     given, first_box = None, None
     if boxes is not None:
-        given = read_boxes(boxes, source.names, width, height, source.folder)
+        given = read_boxes(boxes, source.names, width, height, source.folder, kinds, tracks, count_from)
     else:
         first_box = check_box(box, width, height, "--box")
+    settings["boxes"] = given.digest() if given is not None else first_box.tolist()
     out = Path(out)
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file, not a folder")
@@ -121,10 +132,11 @@ def predict(
         if overlay:
             pose_of = {pose.frame: pose for pose in poses}
             write_overlay(out, source, calibrations, pose_of, network.drones, rate)
+    report = box_report(rows, given, source.names[0])
+    if json_file:
+        write_json(Path(json_file), summary(rows, report), indent=1)
     if progress:
-        skipped = len(rows) - len(poses)
-        note = f"; {skipped} without one, see {JOURNAL}" if skipped else ""
-        print(f"{out}: {len(poses)} poses of {len(rows)} frames{note}")
+        print(closing_line(out, rows, report))
     return poses
 
 

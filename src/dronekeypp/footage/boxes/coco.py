@@ -42,7 +42,7 @@ def read_coco(path: Path, text: str, folder: str | Path) -> BoxFile:
         raise InputError(f"{path}: {NEITHER}")
     if not isinstance(content.get("images"), list):
         raise InputError(f"{path}: {NEITHER}: its images are missing")
-    file = BoxFile(path, "COCO data set")
+    file = BoxFile(path, "COCO data set", named=True)
     pictures = _enter_images(file, content["images"])
     names = _category_names(path, content.get("categories"))
     for number, entry in enumerate(content["annotations"]):
@@ -58,8 +58,8 @@ def read_coco(path: Path, text: str, folder: str | Path) -> BoxFile:
 
 def _read_list(path: Path, entries: list[Any], folder: str | Path) -> BoxFile:
     """Read a list of detections. Their file_name goes before their image_id."""
-    file = BoxFile(path, "COCO detections")
     named = [isinstance(entry, dict) and "file_name" in entry for entry in entries]
+    file = BoxFile(path, "COCO detections", named=any(named))
     scene = Path(folder).resolve().parent.name
     for number, entry in enumerate(entries):
         where = f"{path} entry {number}"

@@ -75,6 +75,7 @@ class BoxFile:
         pictures: in the order of the file, also those without a box.
         rows: the boxes.
         first_number: 0 or 1 where the format says from which number it counts, else None.
+        named: whether its pictures have file names, so that a name of digits is no number.
     """
 
     path: Path
@@ -82,6 +83,7 @@ class BoxFile:
     pictures: list[Picture] = field(default_factory=list)
     rows: list[BoxRow] = field(default_factory=list)
     first_number: int | None = None
+    named: bool = False
 
     def picture(self, name: str | int, where: str, size: tuple[float, float] | None = None) -> int:
         """Return the index of the picture with this name, which is entered if it is new."""

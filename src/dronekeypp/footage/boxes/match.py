@@ -18,7 +18,7 @@ from dronekeypp.footage.boxes.numbering import first_number, is_ultralytics, own
 from dronekeypp.footage.boxes.pictures_by_name import PicturesByName
 from dronekeypp.footage.boxes.places import Place, as_path, choose_one
 
-NUMBER = re.compile(r"[+-]?\d+(?:\.\d*)?")
+NUMBER = re.compile(r"[+-]?(?:0|[1-9]\d*)(?:\.\d*)?")  # 000012 is a name
 
 
 @dataclass(frozen=True)
@@ -83,11 +83,13 @@ def match_pictures(
 
 
 def _numbers(file: BoxFile) -> list[int] | None:
-    """Return the pictures' names as numbers, or None where one of them is no number.
+    """Return the pictures' names as numbers, or None where they are names.
 
     Raises:
-        InputError: One is not whole.
+        InputError: A number is not whole.
     """
+    if file.named:
+        return None
     numbers = []
     for picture in file.pictures:
         if isinstance(picture.name, str) and not NUMBER.fullmatch(picture.name):

@@ -80,13 +80,14 @@ def refuse_cut(path: Path, text: str, others: Sequence[str] = ()) -> None:
     Raises:
         InputError: The file seems cut.
     """
-    lines = [line for line in text.splitlines() if line.strip()]
-    if not lines or text.endswith(("\n", "\r")):
+    lines = text.splitlines()
+    if text.endswith(("\n", "\r")) or not lines:
         return
-    compared = lines[:-1]
-    for other in others:
-        compared += [line for line in other.splitlines() if line.strip()]
-    if compared and _decimals(lines[-1]) < min(map(_decimals, compared)):
+    compared = []
+    for line in [*lines[:-1], *(line for other in others for line in other.splitlines())]:
+        if line.strip()[-1:].isdigit():  # a header does not end in a number
+            compared.append(_decimals(line))
+    if compared and _decimals(lines[-1]) < min(compared):
         raise InputError(
             f"{path}: its last line {lines[-1][-SHOWN:]!r} has no end and looks cut off; "
             "if it is whole, add a line break"

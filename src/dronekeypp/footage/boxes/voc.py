@@ -29,7 +29,7 @@ def read_voc(path: Path, files: Sequence[Path]) -> BoxFile:
 
     A file of a picture that is not of the footage may be broken.
     """
-    content = BoxFile(path, "Pascal VOC")
+    content = BoxFile(path, "Pascal VOC", named=True)
     for file in files:
         try:
             root = _parsed(file)

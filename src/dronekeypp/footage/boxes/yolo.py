@@ -40,7 +40,7 @@ def read_yolo(path: Path, files: Sequence[Path], width: int, height: int) -> Box
     Raises:
         InputError: It cannot be told what the lines are.
     """
-    content = BoxFile(path, FORMAT)
+    content = BoxFile(path, FORMAT, named=True)
     labels = [file for file in files if file.stem not in CLASSES]
     texts, faults = _texts(labels)
     whole = [text for text in texts.values() if text.endswith("\n")][:COMPARED]
