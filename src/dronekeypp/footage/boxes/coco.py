@@ -19,7 +19,17 @@ from typing import Any
 
 from dronekeypp.errors import InputError
 from dronekeypp.files import parse_json
-from dronekeypp.footage.boxes.content import Box, BoxFile, BoxRow, Kind, as_box, as_score, as_size, as_whole
+from dronekeypp.footage.boxes.content import (
+    Box,
+    BoxFile,
+    BoxRow,
+    Kind,
+    as_box,
+    as_score,
+    as_size,
+    as_whole,
+    number,
+)
 
 NEITHER = "neither a COCO list of detections nor a COCO data set of images and annotations"
 
@@ -45,8 +55,8 @@ def read_coco(path: Path, text: str, folder: str | Path) -> BoxFile:
     file = BoxFile(path, "COCO data set", named=True)
     pictures = _enter_images(file, content["images"])
     names = _category_names(path, content.get("categories"))
-    for number, entry in enumerate(content["annotations"]):
-        where = f"{path} annotation {number}"
+    for count, entry in enumerate(content["annotations"]):
+        where = f"{path} annotation {count}"
         if not isinstance(entry, dict) or "image_id" not in entry:
             raise InputError(f"{where}: needs image_id and bbox [x, y, w, h]")
         picture = pictures.get(_key(entry["image_id"], where))
@@ -61,11 +71,11 @@ def _read_list(path: Path, entries: list[Any], folder: str | Path) -> BoxFile:
     named = [isinstance(entry, dict) and "file_name" in entry for entry in entries]
     file = BoxFile(path, "COCO detections", named=any(named))
     scene = Path(folder).resolve().parent.name
-    for number, entry in enumerate(entries):
-        where = f"{path} entry {number}"
+    for count, entry in enumerate(entries):
+        where = f"{path} entry {count}"
         if not isinstance(entry, dict) or not {"file_name", "image_id"} & entry.keys():
             raise InputError(f"{where}: needs image_id or file_name of a frame, and bbox [x, y, w, h]")
-        if named[number] != named[0]:
+        if named[count] != named[0]:
             raise InputError(f"{where}: some entries have a file_name, and some have none")
         name = entry["file_name"] if named[0] else _key(entry["image_id"], where)
         if named[0] and (not isinstance(name, str) or not name.strip()):
@@ -84,8 +94,8 @@ def _read_list(path: Path, entries: list[Any], folder: str | Path) -> BoxFile:
 def _enter_images(file: BoxFile, images: list[Any]) -> dict[str | int, int]:
     """Enter the images of a data set, and return their indices by id."""
     pictures: dict[str | int, int] = {}
-    for number, image in enumerate(images):
-        where = f"{file.path} image {number}"
+    for count, image in enumerate(images):
+        where = f"{file.path} image {count}"
         if not isinstance(image, dict) or "id" not in image:
             raise InputError(f"{where}: an image without id and file_name: {str(image)[:60]}")
         name = image.get("file_name")
@@ -115,8 +125,8 @@ def _key(value: Any, where: str) -> str | int:
 def _category_names(path: Path, categories: Any) -> dict[str, str]:
     """Return the names of the categories by id."""
     names = {}
-    for number, category in enumerate(categories if isinstance(categories, list) else []):
-        where = f"{path} category {number}"
+    for count, category in enumerate(categories if isinstance(categories, list) else []):
+        where = f"{path} category {count}"
         if not isinstance(category, dict) or "id" not in category:
             raise InputError(f"{where}: needs id and name")
         names[str(_key(category["id"], where))] = str(category.get("name") or "")
@@ -127,8 +137,8 @@ def _row(entry: Mapping[str, Any], where: str, picture: int, names: Mapping[str,
     """Return the box of an annotation or a detection."""
     kind = None
     if entry.get("category_id") is not None:
-        number = str(_key(entry["category_id"], where))
-        kind = Kind(number, names.get(number) or None)
+        identity = str(_key(entry["category_id"], where))
+        kind = Kind(identity, names.get(identity) or None)
     attributes = entry.get("attributes")  # CVAT's
     track = entry.get("track_id")
     if track is None and isinstance(attributes, dict):
@@ -154,7 +164,7 @@ def _box(entry: Mapping[str, Any], where: str) -> Box | None:
     if not isinstance(corners, list) or len(corners) != 8:
         raise InputError(f"{where}: needs bbox [x, y, w, h]")
     try:
-        x, y = [float(value) for value in corners[::2]], [float(value) for value in corners[1::2]]
-    except (TypeError, ValueError):
+        x, y = [number(value) for value in corners[::2]], [number(value) for value in corners[1::2]]
+    except ValueError:
         raise InputError(f"{where}: poly needs eight numbers") from None
     return as_box([min(x), min(y), max(x) - min(x), max(y) - min(y)], where)

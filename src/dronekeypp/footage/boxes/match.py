@@ -70,9 +70,10 @@ def match_pictures(
         clear = not pictures.by_number or None not in match.frames
     else:
         match = Match(found)
-        positions = [number - 1 for number in numbers]
-        # MOT's numbers are positions, and may be the numbers of names as well.
-        clear = file.first_number != 1 or positions == found or max(positions) >= len(names)
+        # Numbers of MOT and of our table are positions, and may be the numbers of names as well.
+        positions = [number - (file.first_number or 0) for number in numbers]
+        possible = file.first_number is not None and 0 <= min(positions) and max(positions) < len(names)
+        clear = not possible or positions == found
     if not clear:
         raise InputError(
             f"{file.path}: its numbers, from {min(numbers)} to {max(numbers)}, may be names or positions of "

@@ -137,7 +137,7 @@ def _read_file(path: Path, frames: int, width: int, height: int, folder: str | P
         refuse_cut(path, text)
         return read_tracking(path, lines, frames)
     if "," in first:
-        refuse_cut(path, text)
+        refuse_cut(path, text, ends=len(lines) == 1)  # there is no other line to compare with
         return read_mot(path, lines)
     return read_yolo(path, [path], width, height)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import codecs
-from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -66,16 +65,11 @@ def number_lines(path: Path, text: str, separator: str | None) -> list[NumberLin
     return lines
 
 
-def refuse_cut(path: Path, text: str, others: Sequence[str] = ()) -> None:
-    """Refuse a file whose last number was cut off.
+def refuse_cut(path: Path, text: str, ends: bool = False) -> None:
+    """Refuse a file whose end was cut off.
 
-    A line break ends what is whole. A file without one at its end is refused where its last number has fewer
-    decimals than the last number of every other line.
-
-    Args:
-        path: the file, for the message.
-        text: its text.
-        others: the texts of other files by the same program.
+    A line break ends what is whole. A file without one at its end is refused where its program `ends` every
+    file with one, or where its last number has fewer decimals than those of all other lines.
 
     Raises:
         InputError: The file seems cut.
@@ -83,11 +77,9 @@ def refuse_cut(path: Path, text: str, others: Sequence[str] = ()) -> None:
     lines = text.splitlines()
     if text.endswith(("\n", "\r")) or not lines:
         return
-    compared = []
-    for line in [*lines[:-1], *(line for other in others for line in other.splitlines())]:
-        if line.strip()[-1:].isdigit():  # a header does not end in a number
-            compared.append(_decimals(line))
-    if compared and _decimals(lines[-1]) < min(compared):
+    # A header does not end in a number.
+    compared = [_decimals(line) for line in lines[:-1] if line.strip()[-1:].isdigit()]
+    if ends or (compared and _decimals(lines[-1]) < min(compared)):
         raise InputError(
             f"{path}: its last line {lines[-1][-SHOWN:]!r} has no end and looks cut off; "
             "if it is whole, add a line break"

@@ -6,13 +6,14 @@
     0 0.605 0.456 0.746 0.456 0.746 0.531 0.605 0.531 class x1 y1 … x4 y4, an oriented box
     0 0.598 0.456 0.640 0.471 0.668 0.493 …           class x1 y1 x2 y2 …, an outline
 
-Oriented boxes and outlines become the box around them. References: https://docs.ultralytics.com/datasets/detect,
-…/segment, …/obb, …/pose, and `Results.save_txt` of Ultralytics. A file classes.txt, as labelImg writes it,
-names the classes.
+Oriented boxes and outlines become the box around them. A file classes.txt, as labelImg writes it, names the
+classes. References: https://docs.ultralytics.com/datasets/ with detect, segment, obb and pose, and
+`Results.save_txt` of Ultralytics.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -24,7 +25,6 @@ from dronekeypp.footage.boxes.yolo_lines import meanings
 FORMAT = "YOLO"
 CLASSES = ("classes", "_classes", "predefined_classes")  # files with the classes' names, one a line
 FARTHEST = 2.0  # no share of a picture is larger, a pixel is
-COMPARED = 20  # files of the same program that tell whether one is cut off
 
 
 def read_yolo(path: Path, files: Sequence[Path], width: int, height: int) -> BoxFile:
@@ -43,13 +43,13 @@ def read_yolo(path: Path, files: Sequence[Path], width: int, height: int) -> Box
     content = BoxFile(path, FORMAT, named=True)
     labels = [file for file in files if file.stem not in CLASSES]
     texts, faults = _texts(labels)
-    whole = [text for text in texts.values() if text.endswith("\n")][:COMPARED]
+    ends = any(text.endswith("\n") for text in texts.values())
     lines: list[NumberLine] = []
     owners: list[int] = []  # of each line: the index of its picture
     for index, file in enumerate(labels):
         if file in texts:
             try:
-                refuse_cut(file, texts[file], whole)
+                refuse_cut(file, texts[file], ends)
                 read = number_lines(file, texts[file], None)
                 _refuse_pixels(read)
                 lines += read
@@ -82,10 +82,10 @@ def _texts(files: Sequence[Path]) -> tuple[dict[Path, str], dict[Path, str]]:
 
 
 def _refuse_pixels(lines: Sequence[NumberLine]) -> None:
-    """Refuse lines whose box is in pixels."""
+    """Refuse lines whose box is in pixels, or whose numbers are not finite."""
     for where, values in lines:
         box = values[1:5]
-        if not all(abs(value) <= FARTHEST for value in box):  # neither is a value that is no number
+        if not all(map(math.isfinite, values)) or max(map(abs, box), default=0) > FARTHEST:
             raise InputError(
                 f"{where}: {box} are not shares of the picture, from 0 to 1, as YOLO writes them"
             )
