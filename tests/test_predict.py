@@ -468,6 +468,51 @@ def test_a_bar_is_shown_in_a_terminal_only(footage, small, tmp_path, capsys, mon
     assert shown.err == "" and shown.out == f"{tmp_path / 'out'}: {line}; {names}\n"
 
 
+def test_json_has_the_numbers_of_the_closing_line(footage, small, tmp_path, capsys):
+    """Of two classes one is chosen; a frame cannot be read; a box is of no frame."""
+    images, camera, boxes, _ = footage
+    folder = shutil.copytree(images, tmp_path / "images")
+    (folder / "shot_2.jpg").write_bytes(b"no picture")
+    rows = [f"{line},drone" for line in boxes.read_text().splitlines()[1:]]
+    rows += ["shot_9.jpg,1,2,30,40,drone", "shot_1.jpg,1,2,30,40,bird"]
+    (tmp_path / "b.csv").write_text("\n".join(["frame,x,y,w,h,class", *rows]) + "\n")
+    where = ["--camera", str(camera), "--boxes", str(tmp_path / "b.csv"), "--out", str(tmp_path / "out")]
+    command = ["predict", str(small), str(folder), *where, "--no-overlay"]
+    assert main(command) == 2 and "drone in 7, bird in 1; choose with --class" in capsys.readouterr().err
+    assert main([*command, "--class", "drone", "--json", str(tmp_path / "no" / "a.json")]) == 2
+    assert not (tmp_path / "out").exists()
+    assert main([*command, "--class", "drone", "--json", str(tmp_path / "a.json")]) == 0
+    report = json.loads((tmp_path / "a.json").read_text())
+    boxes_report = report.pop("boxes")
+    assert report == {"frames": 7, "poses": 6, "without_pose": {"cannot be read": 1}}
+    assert boxes_report == {
+        "file": "b.csv",
+        "format": "CSV",
+        "boxes": 9,
+        "used": 6,
+        "left_out": {"of another class": 1, "on a frame that cannot be read": 1},
+        "on_no_frame": 1,
+        "no_drone": 0,
+        "first_name": "shot_0.jpg",
+        "footage_first_name": "shot_0.jpg",
+        "first_number": None,
+        "scaled": 0,
+    }
+    line = capsys.readouterr().out.splitlines()[-1]
+    assert (
+        "6 poses of 7 frames, 1 without one (1 cannot be read), see frames.csv; b.csv (CSV): 6 of 9" in line
+    )
+    assert main([*command, "--class", "bird"]) == 2 and "begun with another boxes" in capsys.readouterr().err
+
+
+def test_the_closing_line_of_a_tracked_box(video, small, tmp_path, capsys):
+    path, camera = video
+    predict(small, path, camera, tmp_path / "out", box=(80, 100, 60, 40), overlay=False)
+    assert "12 poses of 12 frames; --box (tracker): 12 of 12 boxes used" in capsys.readouterr().out
+    with pytest.raises(InputError, match="choose among the boxes of --boxes FILE"):
+        predict(small, path, camera, tmp_path / "out", box=(80, 100, 60, 40), tracks=["1"], progress=False)
+
+
 def test_a_video_whose_header_counts_wrong(video, tmp_path):
     data = bytearray(video[0].read_bytes())
     place = data.index(b"avih") + 8 + 16

@@ -12,7 +12,7 @@ from dronekeypp.footage.boxes.places import as_path
 
 # Label Studio puts eight hexadecimal digits in front of a name. Roboflow puts a suffix of its own behind it.
 LABEL_STUDIO = re.compile(r"[0-9a-f]{8}-(?P<name>.+)")
-ROBOFLOW = re.compile(r"(?P<name>.+)_(?:jpe?g|png|bmp|tiff?|webp)\.rf\.[0-9A-Za-z]+(?:\.\w+)?")
+ROBOFLOW = re.compile(r"(?P<name>.+)_(?:jpe?g|png|bmp|tiff?|webp)\.rf\.[0-9A-Za-z]+(?:\.\w+)?", re.IGNORECASE)
 
 
 class PicturesByName:
