@@ -15,6 +15,8 @@ from dronekeypp.footage import Footage, open_footage, read_boxes
 NAMES = ("000001.jpg", "000002.jpg", "000003.jpg", "000004.jpg", "000005.jpg", "000006.jpg")
 VIDEO = tuple(f"{number:06d}" for number in range(6))
 SIZE = (640, 360)
+LOCAL = "/data/local-files/?d=flights/000651/{}"  # of Label Studio
+UPLOADED = "..\\..\\label-studio\\data\\media\\upload\\3\\3f9a1c2b-{}"
 TRUE = [(400.5 - 50 * number, 160.25, 90.0, 26.5) for number in range(6)]
 
 
@@ -194,7 +196,7 @@ def test_pictures_of_another_folder_are_refused(name, tmp_path):
     file = box_files.coco(tmp_path, NAMES, TRUE, SIZE, name.format)
     with pytest.raises(InputError, match="its first name is .*000001.jpg, the footage lies in .*000651/rgb"):
         read_boxes(file, NAMES, *SIZE, folder)
-    for same in ("000651/rgb/{}", "C:\\elsewhere\\000651\\{}", "images/train/{}", "{}"):
+    for same in ("000651/rgb/{}", "C:\\elsewhere\\000651\\{}", "images/train/{}", "{}", LOCAL, UPLOADED):
         right(read_boxes(box_files.coco(tmp_path, NAMES, TRUE, SIZE, same.format), NAMES, *SIZE, folder))
 
 

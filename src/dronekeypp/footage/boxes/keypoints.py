@@ -71,7 +71,8 @@ def _vote(values: Sequence[float]) -> int:
     if any(_are_marked(keypoints) for keypoints in readings):
         return 1
     fits = any(_fit_their_box(values, keypoints) for keypoints in readings)
-    odd = _is_odd_outline(np.reshape(values[: len(values) // 2 * 2], (-1, 2)))
+    tails = (1,) if len(values) % 2 else (0, 2)  # an outline has two numbers a point
+    odd = all(_is_odd_outline(np.reshape(values[: len(values) - tail], (-1, 2))) for tail in tails)
     return int(fits and odd) - int(not fits and not odd)
 
 

@@ -17,8 +17,13 @@ USUAL = re.compile(
 
 
 def as_path(name: str) -> PurePosixPath:
-    """Return a name of a file of boxes as a path. Programs on Windows write backslashes."""
-    return PurePosixPath(name.strip().replace("\\", "/"))
+    """Return a name of a file of boxes as a path.
+
+    Programs on Windows write backslashes. Label Studio writes /data/local-files/?d= in front of the path, and
+    keeps what was uploaded in numbered folders of its own.
+    """
+    path = re.sub(r"^.*\?d=/?", "/", name.strip().replace("\\", "/"))
+    return PurePosixPath(re.sub(r"^(.*/)?upload/\d+/", "", path))
 
 
 class Place:

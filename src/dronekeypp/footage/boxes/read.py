@@ -217,11 +217,12 @@ def _surest_boxes(
 
 def _nothing(file: BoxFile, rows: Sequence[BoxRow], names: Sequence[str]) -> str:
     """Say why there is no box for any frame."""
-    if not rows:
-        return f"{file.path}: holds no box"
+    first = str(file.pictures[0].name) if file.pictures else "missing"
+    if not rows and not any(picture.fault for picture in file.pictures):
+        return f"{file.path}: holds no box; its first name is {first}, the footage's {names[0]}"
     return (
         f"{file.path}: none of its {len(rows)} boxes is on any of the {len(names)} frames; "
-        f"its first name is {file.pictures[0].name}, the footage's {names[0]}"
+        f"its first name is {first}, the footage's {names[0]}"
     )
 
 
