@@ -1,6 +1,5 @@
 """Cameras as other programs write them: each is read rightly, or refused by the name of what is wrong."""
 
-
 import cv2
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Read the cameras of BOP data sets (https://github.com/thodan/bop_toolkit/blob/master/docs/bop_datasets_format.md).
+"""Read the cameras of BOP data sets (docs/bop_datasets_format.md of https://github.com/thodan/bop_toolkit).
 
 `scene_camera.json` holds `cam_K` of every image of a scene, `camera.json` holds fx, fy, cx, cy, width and
 height of a whole data set. Both count pixels as this package does, with pixel centres at +0.5.

@@ -38,7 +38,7 @@ def read(tree: dict[str, Any], entries: Entries) -> Reading:
         )
     [name] = cameras
     for field in WANTED:
-        if field not in tree[name]:
+        if tree[name].get(field) is None:
             raise InputError(f"{file}: {name} has no {field}; was it written whole?")
     model = tree[name]["camera_model"]
     if lens_models.NAMES.get(plain(model)) != lens_models.PINHOLE:

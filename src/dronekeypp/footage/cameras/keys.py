@@ -30,6 +30,7 @@ _OTHER_SIZES = re.compile(
 _LENS = re.compile(
     r".*model|.*fisheye|.*omni|xi$|lens(type)?$|cam(era)?type$|projection(type)?$|distortiontype$"
 )
+_SWITCH = re.compile(r"fisheye|omni|xi$")
 
 
 def plain(name: Any) -> str:
@@ -59,6 +60,7 @@ class Entries:
 
     def __init__(self, tree: Any, file: Path) -> None:
         self.file = file
+        self.of_ros = False  # whether a matrix is written as ROS does, without the type of its numbers
         self.entries: list[Entry] = []
         self._by_name: dict[str, list[Entry]] = {}
         self._taken: set[int] = set()
@@ -79,8 +81,8 @@ class Entries:
             inner = f"{path}.{key}" if path else str(key)
             name = plain(key)
             own_kind = _kind(name, value) or kind
-            if own_kind == LENS and _kind(name, value) is None and not isinstance(value, str):
-                own_kind = None  # in a dictionary called "model", only words name the model
+            if own_kind == LENS and _kind(name, value) is None and not isinstance(value, str | bool):
+                own_kind = LENS if _SWITCH.search(plain(path)) else None  # "model" may hold the whole camera
             if isinstance(value, dict) and "data" in value and value.keys() <= MATRIX_KEYS:
                 self.entries.append(Entry(inner, name, self._data(value, inner), own_kind))
                 continue
@@ -91,6 +93,7 @@ class Entries:
         """Return the numbers of a matrix as OpenCV writes it, or as ROS does, row by row."""
         data = matrix["data"]
         if {"rows", "cols"} <= matrix.keys():
+            self.of_ros = self.of_ros or "dt" not in matrix
             rows, columns = matrix["rows"], matrix["cols"]
             whole = isinstance(rows, int) and isinstance(columns, int)
             count = len(data) if isinstance(data, list) else 1

@@ -52,10 +52,11 @@ def read(entries: Entries) -> Reading:
     keys = {"K": found.path}
     _check_focal(entries, K, found.path)
     distortion, fisheye = take_distortion(entries, keys)
-    if distortion is None and entries.has(*OF_THE_SAMPLE) and not entries.has(*DISTORTION):
+    by_a_program = entries.of_ros or entries.has(*OF_THE_SAMPLE)
+    if distortion is None and by_a_program and not entries.has(*DISTORTION):
         raise InputError(
-            f"{file}: holds no distortion_coefficients, which OpenCV's calibration writes; was it written "
-            "whole? If the lens has none, add distortion_coefficients: [0, 0, 0, 0]"
+            f"{file}: holds no distortion_coefficients, which calibrations of OpenCV and ROS write; "
+            "was it written whole? If the lens has none, add distortion_coefficients: [0, 0, 0, 0]"
         )
     size, keys["size"] = take_size(entries)
     return Reading("OpenCV", K, 0.0, distortion, fisheye, size, keys)

@@ -197,7 +197,7 @@ def take_named_coefficients(
     order = wanted if fisheye else ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
     values = np.array([given.get(name, 0.0) for name in order])
     if not fisheye and not values[5:].any():
-        values = values[:5]
+        values = values[: 5 if "k3" in given else 4]
     return values, ", ".join(given)
 
 
