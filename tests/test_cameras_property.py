@@ -25,7 +25,8 @@ OPTIONAL = ("plain.json", "opencv.json", "opencv2.json", "camera.json", "opencv.
 @st.composite
 def cameras(draw, name):
     """A camera of a plausible lens that a file of this name can hold."""
-    width, height = draw(st.integers(320, 4096)), draw(st.integers(240, 2160))
+    width = draw(st.integers(320, 4096))
+    height = round(width * draw(st.sampled_from([9 / 16, 3 / 4, 1, 4 / 3])))
     lens, count = draw(st.sampled_from(lenses(name)))
     fx = width * draw(st.floats(0.4, 5))
     coefficients = st.floats(-0.05, 0.05).filter(lambda value: abs(value) > 1e-6)

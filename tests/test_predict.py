@@ -5,6 +5,7 @@ broken stops it.
 import csv
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -437,6 +438,46 @@ def test_a_video_and_a_box_in_its_first_frame(video, small, tmp_path, monkeypatc
         progress=False,
     )
     assert len(poses) == 12
+
+
+def test_a_rate_overrides_that_of_a_video(video, small, tmp_path):
+    path, camera = video
+
+    def positions(smooth, rate):
+        usual = dict(box=(80, 100, 60, 40), overlay=False, progress=False)
+        poses = predict(small, path, camera, tmp_path / "out", smooth=smooth, rate=rate, **usual)
+        return np.array([pose.t for pose in poses])
+
+    raw = positions(0.0, None)
+    np.testing.assert_allclose(positions(0.05, 1), raw)  # a second apart: no neighbour near
+    own = positions(0.05, None)
+    assert not np.allclose(own, raw) and np.array_equal(own, positions(0.05, 25))
+
+
+def test_unevenly_timed_frames_are_smoothed_by_their_times(video, small, tmp_path, monkeypatch, capsys):
+    path, camera = video
+    even = open_footage(path)
+    times = np.arange(12) / 25
+    times[6:] += 10  # a gap: frames before it say nothing of frames after it
+    monkeypatch.setattr(run, "open_footage", lambda path: replace(even, rate=1.1, times=tuple(times)))
+    usual = dict(box=(80, 100, 60, 40), overlay=False)
+    raw = predict(small, path, camera, tmp_path / "out", progress=False, **usual)
+    poses = predict(small, path, camera, tmp_path / "out", smooth=0.5, **usual)
+    assert "unevenly timed, 1.1 frames a second on the average" in capsys.readouterr().out
+    before, after = (np.array([pose.t for pose in each]) for each in (raw, poses))
+    first, second = before[:6], before[6:]
+    for part, smoothed in ((first, after[:6]), (second, after[6:])):
+        assert (smoothed >= part.min(axis=0) - 1e-9).all() and (smoothed <= part.max(axis=0) + 1e-9).all()
+        assert np.ptp(smoothed, axis=0).max() < np.ptp(part, axis=0).max()
+
+
+def test_names_with_colons_on_both_sides(video, small, tmp_path, monkeypatch):
+    path, camera = video
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(path, "12:30:15.avi")
+    box = (80, 100, 60, 40)
+    predict(small, Path("12:30:15.avi"), camera, Path("out:12:30"), box=box, progress=False)
+    assert len(open_footage(Path("out:12:30/overlay.mp4")).names) == 12
 
 
 def test_a_folder_called_like_a_video_is_a_folder(footage, small, tmp_path):

@@ -16,6 +16,7 @@ from dronekeypp.footage.cameras.keys import Entries
 from dronekeypp.footage.cameras.readings import FOCAL, Reading, matrix, take_size
 from dronekeypp.footage.pictures import CAMERA_FILE, BopScene
 
+INFO_FILE = "scene_gt_info.json"  # of a scene; it says which images are crops
 OF_AN_IMAGE = {"cam_K", "cam_K_frame", "cam_R_w2c", "cam_t_w2c", "depth_scale"}
 
 
@@ -117,7 +118,7 @@ def check_crops(scene: BopScene, cameras: dict[str, Any], own: bool) -> None:
         cameras: its scene_camera.json.
         own: whether the camera that is given is that file.
     """
-    path = scene.folder / "scene_gt_info.json"
+    path = scene.folder / INFO_FILE
     if not path.is_file():
         return
     infos = by_number(as_object(read_json(path), path))

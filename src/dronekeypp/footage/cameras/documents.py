@@ -126,7 +126,9 @@ def _read_json(text: str, path: Path) -> Any:
         return json.loads(_with_digits(text), object_pairs_hook=no_key_twice)
     except InputError:
         raise
-    except (ValueError, RecursionError) as error:
+    except RecursionError:
+        raise _too_deep(path) from None
+    except ValueError as error:
         raise InputError(f"{path}: not valid JSON ({error})") from None
 
 

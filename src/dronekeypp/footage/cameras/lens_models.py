@@ -15,6 +15,7 @@ from dronekeypp.errors import InputError
 from dronekeypp.footage.cameras.keys import Entries, Entry, plain
 
 PINHOLE, NONE, BROWN, FISHEYE = "pinhole", "none", "brown", "fisheye"
+NO_FISHEYE = "no fisheye"  # what a switch says that is off
 NAMES = {
     "pinhole": PINHOLE,  # says nothing of the distortion
     "perspective": PINHOLE,
@@ -61,7 +62,7 @@ def lens_of(entry: Entry, file: object) -> str | None:
         )
     if entry.name in SWITCHES and not isinstance(value, str):
         if value in (0, 1) and isinstance(value, (bool, int, float)):
-            return FISHEYE if value else None
+            return FISHEYE if value else NO_FISHEYE
         raise InputError(f"{file}: {entry.path} must be true or false, 1 or 0, not {value!r:.40}")
     lens = NAMES.get(plain(value)) if isinstance(value, str) else None
     if lens is None:
@@ -85,11 +86,13 @@ def take_lens(entries: Entries) -> tuple[str, list[Entry]]:
         lens = lens_of(entry, entries.file)
         if lens is not None:
             found[lens] = entry
-    named = [lens for lens in found if lens != PINHOLE]
-    if len(named) > 1:
-        first, second = found[named[0]], found[named[1]]
+    named = [lens for lens in found if lens not in (PINHOLE, NO_FISHEYE)]
+    against = [*named[1:], *([NO_FISHEYE] if FISHEYE in named and NO_FISHEYE in found else [])]
+    if against:
+        first, second = found[named[0]], found[against[0]]
         raise InputError(
-            f"{entries.file}: {first.path} {first.value!r:.40} contradicts {second.path} {second.value!r:.40}"
+            f"{entries.file}: {first.path} {first.value!r:.40} contradicts "
+            f"{second.path} {second.value!r:.40}; keep the right one"
         )
     return (named[0] if named else PINHOLE), taken
 

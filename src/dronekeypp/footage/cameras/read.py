@@ -102,10 +102,12 @@ def read_cameras(path: str | Path, footage: Footage) -> list[Calibration]:
     if scene is None:
         return [read_camera(path)] * len(footage.names)
     own_file = scene.folder / CAMERA_FILE
-    [tree] = read_documents(read_text(own_file), own_file) or [None]
-    table = bop.as_object(tree, own_file)
     own = path.resolve() == own_file
-    bop.check_crops(scene, table, own)
+    table: dict[str, Any] = {}
+    if own or (scene.folder / bop.INFO_FILE).is_file():
+        [tree] = read_documents(read_text(own_file), own_file) or [None]
+        table = bop.as_object(tree, own_file)
+        bop.check_crops(scene, table, own)
     if not own:
         return [read_camera(path)] * len(footage.names)
     bop.check_entries(table, path)

@@ -176,6 +176,8 @@ def take_named_coefficients(
             given[name] = number(entry.value, f"{file}: {entry.path}")
     if not given:
         return None, ""
+    if not fisheye and not any(given.values()):
+        return np.zeros(OPENCV_COUNTS[0]), ", ".join(given)
     if fisheye:
         wanted = RADIAL[:FISHEYE_COUNT]
     else:
