@@ -227,6 +227,11 @@ def _yaml_number(loader: _YamlLoader, node: yaml.ScalarNode) -> int | float:
     return float(word.replace(".", "")) if word[-1:] in "fFnN" else _number(word)
 
 
+def _yaml_null(loader: _YamlLoader, node: yaml.ScalarNode) -> str | None:
+    """Return None where null is written, and no words where nothing is: the file may be torn there."""
+    return None if node.value else ""
+
+
 for _tag, _pattern, _first in (
     ("null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
     ("bool", r"true|True|TRUE|false|False|FALSE", list("tTfF")),
@@ -240,12 +245,13 @@ for _tag, _pattern, _first in (
     _YamlLoader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(f"^(?:{_pattern})$"), _first)
 for _tag in ("map", "opencv-matrix", "opencv-nd-matrix"):
     _YamlLoader.add_constructor(f"tag:yaml.org,2002:{_tag}", _yaml_mapping)
+_YamlLoader.add_constructor("tag:yaml.org,2002:null", _yaml_null)
 for _tag in ("int", "float"):
     _YamlLoader.add_constructor(f"tag:yaml.org,2002:{_tag}", _yaml_number)
 
 
 def _read_yaml(text: str, path: Path) -> list[Any]:
-    # OpenCV's first line "%YAML:1.0" is no YAML. Tabs begin no line in YAML, but OpenCV 2 wrote some.
+    # OpenCV's first line "%YAML:1.0" is no YAML.
     text = re.sub(r"\A\s*%YAML[^\n]*", "", text)
     try:
         for _ in _shallow_events(text, path):
@@ -260,7 +266,7 @@ def _read_yaml(text: str, path: Path) -> list[Any]:
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         reason = " ".join(str(error).split())
         raise InputError(f"{path}: not valid YAML, XML or JSON ({reason})") from None
-    return [document for document in documents if document is not None]
+    return [document for document in documents if document not in (None, "")]
 
 
 def _shallow_events(text: str, path: Path) -> Iterator[yaml.Event]:

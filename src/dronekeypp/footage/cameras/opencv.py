@@ -53,7 +53,7 @@ def read(entries: Entries) -> Reading:
     _check_focal(entries, K, found.path)
     distortion, fisheye = take_distortion(entries, keys)
     by_a_program = entries.of_ros or entries.has(*OF_THE_SAMPLE)
-    if distortion is None and by_a_program and not entries.has(*DISTORTION):
+    if distortion is None and by_a_program and not keys["distortion"]:
         raise InputError(
             f"{file}: holds no distortion_coefficients, which calibrations of OpenCV and ROS write; "
             "was it written whole? If the lens has none, add distortion_coefficients: [0, 0, 0, 0]"
