@@ -165,6 +165,7 @@ def test_the_size_under_any_name(tmp_path, entries):
         ('"fisheye": true, "D": [0.1, 0, 0, 0, 0]', "a fisheye lens has 4 coefficients, not 5"),
         ('"model": "equidistant", "distortion_model": "plumb_bob"', "contradicts"),
         ('"model": "equidistant", "fisheye": false, "D": [0, 0, 0, 0]', "contradicts fisheye False"),
+        ('"model": "", "D": [0.1, 0, 0, 0]', "model is empty"),
         ('"model": "none", "D": [0.1, 0, 0, 0]', "says that there is no distortion"),
         ('"K": [[800, 0, 480], [0, 800, 270], [0, 0, 1]]', "camera_matrix and K differ"),
         ('"fx": 1500', "fx and camera_matrix differ"),
@@ -274,6 +275,7 @@ DEEP = 100_000
         ("c.yml", "a: &a [1]\nb: *a\n", "line 2: an alias"),
         ("c.yml", "a: !!python/object/apply:os.getcwd []\n", "not valid YAML"),
         ("c.yml", "? [1, 2]\n: 3\n", "line 1 is no name"),
+        ("c.yml", f"K: {CENTRED}\ndist:\n", "dist needs numbers, not ''"),
         ("c.yml", "k: [1600, 0, 960", "ends in the middle of a line"),
         ("c.yml", "a" * (5 * 2**20) + "\n", "larger than 4 MiB"),
         ("c.json", bytes(range(256)), "not a text file"),
@@ -303,6 +305,7 @@ CAMERA = Camera(1600.0, 1601.0, 950.0, 545.0, 1920, 1080)
     [
         ("ros.yaml", lambda t: t.pop("distortion_model"), "a camera_info without distortion_model"),
         ("ros.yaml", lambda t: t["camera_matrix"].update(cols=2), "3×2 numbers, but 9 are there"),
+        ("ros.yaml", lambda t: t.pop("distortion_coefficients"), "without D or distortion_coefficients"),
         ("ros_echo.txt", lambda t: t.update(binning_x=2), "binning_x is 2"),
         ("ros_echo.txt", lambda t: t["roi"].update(width=640), "roi.width is 640: the camera sent a part"),
         ("kalibr.yaml", lambda t: t.update(cam1={"camera_model": "omni"}), r"holds 2 cameras \(cam0, cam1\)"),

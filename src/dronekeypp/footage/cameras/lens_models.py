@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import Any
 
 from dronekeypp.errors import InputError
-from dronekeypp.footage.cameras.keys import Entries, Entry, plain
+from dronekeypp.footage.cameras.keys import LENS, Entries, Entry, plain
 
 PINHOLE, NONE, BROWN, FISHEYE = "pinhole", "none", "brown", "fisheye"
 NO_FISHEYE = "no fisheye"  # what a switch says that is off
@@ -95,6 +95,16 @@ def take_lens(entries: Entries) -> tuple[str, list[Entry]]:
             f"{second.path} {second.value!r:.40}; keep the right one"
         )
     return (named[0] if named else PINHOLE), taken
+
+
+def check_not_empty(entries: Entries) -> None:
+    """Raise InputError where a lens model has an entry but no value.
+
+    Which one is meant, nobody knows, and coefficients mean nothing without it.
+    """
+    for entry in entries.entries:
+        if entry.kind == LENS and entry.value in (None, "", []):
+            raise InputError(f"{entries.file}: {entry.path} is empty; name the lens model, or remove it")
 
 
 def is_rational(entries: list[Entry]) -> bool:

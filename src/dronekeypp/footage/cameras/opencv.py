@@ -97,6 +97,8 @@ def take_distortion(entries: Entries, keys: dict[str, str]) -> tuple[np.ndarray 
             values = None
     if values is None and lens not in (lens_models.PINHOLE, lens_models.NONE):
         raise InputError(f"{file}: {keys['lens']} names a lens model, but there are no coefficients of it")
+    if values is not None and values.any():
+        lens_models.check_not_empty(entries)
     if values is not None and values.any() and lens == lens_models.NONE:
         raise InputError(f"{file}: {where} are not 0, but {keys['lens']} says that there is no distortion")
     keys["distortion"] = where

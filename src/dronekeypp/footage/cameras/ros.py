@@ -52,9 +52,4 @@ def read(entries: Entries) -> Reading:
                     f"{file}: {part.path} is {part.value}: the camera sent a part of the picture; "
                     "give the camera of that part"
                 )
-    reading = opencv.read(entries)
-    if reading.distortion is not None and reading.distortion.any() and "lens" not in reading.keys:
-        raise InputError(
-            f"{file}: distortion_model is empty, but {reading.keys['distortion']} is not; name it"
-        )
-    return replace(reading, program="ROS camera_info")
+    return replace(opencv.read(entries), program="ROS camera_info")
