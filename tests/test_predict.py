@@ -5,6 +5,7 @@ broken stops it.
 import csv
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -438,6 +439,46 @@ def test_a_video_and_a_box_in_its_first_frame(video, small, tmp_path, monkeypatc
     assert len(poses) == 12
 
 
+def test_a_rate_overrides_that_of_a_video(video, small, tmp_path):
+    path, camera = video
+
+    def positions(smooth, rate):
+        usual = dict(box=(80, 100, 60, 40), overlay=False, progress=False)
+        poses = predict(small, path, camera, tmp_path / "out", smooth=smooth, rate=rate, **usual)
+        return np.array([pose.t for pose in poses])
+
+    raw = positions(0.0, None)
+    np.testing.assert_allclose(positions(0.05, 1), raw)  # a second apart: no neighbour near
+    own = positions(0.05, None)
+    assert not np.allclose(own, raw) and np.array_equal(own, positions(0.05, 25))
+
+
+def test_unevenly_timed_frames_are_smoothed_by_their_times(video, small, tmp_path, monkeypatch, capsys):
+    path, camera = video
+    even = open_footage(path)
+    times = np.arange(12) / 25
+    times[6:] += 10  # a gap: frames before it say nothing of frames after it
+    monkeypatch.setattr(run, "open_footage", lambda path: replace(even, rate=1.1, times=tuple(times)))
+    usual = dict(box=(80, 100, 60, 40), overlay=False)
+    raw = predict(small, path, camera, tmp_path / "out", progress=False, **usual)
+    poses = predict(small, path, camera, tmp_path / "out", smooth=0.5, **usual)
+    assert "unevenly timed, 1.1 frames a second on the average" in capsys.readouterr().out
+    before, after = (np.array([pose.t for pose in each]) for each in (raw, poses))
+    first, second = before[:6], before[6:]
+    for part, smoothed in ((first, after[:6]), (second, after[6:])):
+        assert (smoothed >= part.min(axis=0) - 1e-9).all() and (smoothed <= part.max(axis=0) + 1e-9).all()
+        assert np.ptp(smoothed, axis=0).max() < np.ptp(part, axis=0).max()
+
+
+def test_names_with_colons_on_both_sides(video, small, tmp_path, monkeypatch):
+    path, camera = video
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(path, "12:30:15.avi")
+    box = (80, 100, 60, 40)
+    predict(small, Path("12:30:15.avi"), camera, Path("out:12:30"), box=box, progress=False)
+    assert len(open_footage(Path("out:12:30/overlay.mp4")).names) == 12
+
+
 def test_a_folder_called_like_a_video_is_a_folder(footage, small, tmp_path):
     images, camera, boxes, _ = footage
     folder = shutil.copytree(images, tmp_path / "flight.mp4")
@@ -465,7 +506,12 @@ def test_a_bar_is_shown_in_a_terminal_only(footage, small, tmp_path, capsys, mon
     shown = capsys.readouterr()
     line = "7 poses of 7 frames; boxes.csv (CSV): 7 of 7 boxes used, 0 left out, 0 on no frame"
     names = "its first name shot_0.jpg, the footage's shot_0.jpg"
-    assert shown.err == "" and shown.out == f"{tmp_path / 'out'}: {line}; {names}\n"
+    camera_line = (
+        "camera.json: OpenCV: fx 1660.13, fy 1660.13, cx 955.919, cy 541.397 from camera_matrix; "
+        "size 1920x1080 from image_width, image_height; no distortion"
+    )
+    assert shown.err == ""
+    assert shown.out.splitlines() == [camera_line, f"{tmp_path / 'out'}: {line}; {names}"]
 
 
 def test_json_has_the_numbers_of_the_closing_line(footage, small, tmp_path, capsys):
@@ -795,80 +841,6 @@ def test_one_image_from_the_command_line(footage, small, tmp_path, capsys, monke
 
     monkeypatch.setattr("dronekeypp.predict.predict", stopped)
     assert main([*command, "--box", "1,2,3,4"]) == 130 and capsys.readouterr().err == "stopped\n"
-
-
-def test_opencvs_own_calibration_files(tmp_path):
-    K = np.array([[1000.0, 0, 639.5], [0, 1001.0, 359.5], [0, 0, 1]])
-    for suffix in ("yml", "xml", "json"):
-        file = cv2.FileStorage(str(tmp_path / f"camera.{suffix}"), cv2.FILE_STORAGE_WRITE)
-        file.write("calibration_time", "today")
-        file.write("image_width", 1280)
-        file.write("image_height", 720)
-        file.write("camera_matrix", K)
-        file.write("distortion_coefficients", np.array([[-0.2, 0.05, 0.001, 0, 0]]))
-        file.release()
-        found = read_camera(tmp_path / f"camera.{suffix}")
-        np.testing.assert_allclose(found.K[:2, 2], [640, 360])  # our pixel centres lie at +0.5
-        np.testing.assert_allclose(found.opencv_K, K)
-        assert found.size == (1280, 720) and len(found.distortion) == 5
-    half = found.for_frames(640, 360)
-    np.testing.assert_allclose(half.K[:2], found.K[:2] / 2)
-    np.testing.assert_allclose(
-        found.for_frames(854, 480).K[0, 0], 1000 * 854 / 1280
-    )  # 480p: a third of a pixel off
-    with pytest.raises(InputError, match="not the same shape"):
-        found.for_frames(640, 480)
-    with pytest.raises(InputError, match="a focal length of 0.9 pixels"):
-        Calibration(np.array([[0.9, 0, 0.5], [0, 0.9, 0.5], [0, 0, 1]])).for_frames(640, 480)
-
-
-def test_a_distorted_frame_is_straightened():
-    K = np.array([[300.0, 0, 160], [0, 300, 120], [0, 0, 1]])
-    bent = Calibration(K, np.array([-0.3, 0.1, 0.0, 0.0]))
-    corners = np.array([[250.0, 60.0], [290.0, 90.0]])  # of a box in the distorted picture
-    box = bent.undistort_box(np.array([*corners[0], *(corners[1] - corners[0])]))
-    assert box[0] + box[2] > 290 and box[1] < 60  # barrel distortion drew it towards the middle
-    image = np.zeros((240, 320, 3), np.uint8)
-    image[60:90, 250:290] = 255
-    bright = np.argwhere(bent.undistort(image)[..., 0] > 127)
-    assert box[0] - 1 <= bright[:, 1].min() and bright[:, 1].max() <= box[0] + box[2] + 1
-    straight = Calibration(K)
-    assert straight.undistort(image) is image
-
-
-@pytest.mark.parametrize(
-    "name, text, match",
-    [
-        ("c.json", "{", "not valid JSON"),
-        ("c.json", "[]", "holds no settings"),
-        ("c.json", "{}", "holds no camera_matrix"),
-        ("c.json", '{"K": [[1, 0], [0, 1]]}', "3×3 numbers"),
-        ("c.yml", "hello", "not a calibration"),
-        ("c.json", '{"K": [[5, 0, 1], [0, 5, 1], [0, 0, 1]], "fisheye_model": 1}', "a fisheye camera"),
-        ("c.json", '{"K": [[-5, 0, 1], [0, 5, 1], [0, 0, 1]]}', "focal lengths must be positive"),
-        (
-            "c.json",
-            '{"K": [[5, 0, 1], [0, 5, 1], [0, 0, 1]], "dist_coeffs": [1, 2]}',
-            "distortion has 2 numbers",
-        ),
-        (
-            "c.json",
-            '{"K": [[5, 0, 1], [0, 5, 1], [0, 0, 1]], "image_width": -32, "image_height": -24}',
-            "must be positive",
-        ),
-        (
-            "c.json",
-            '{"K": [[5, 0, 1], [0, 5, 1], [0, 0, 1]], "image_width": 1e999, "image_height": 24}',
-            "numbers",
-        ),
-        ("scene_camera.json", "{}", "not one camera for all"),
-        ("scene_camera.json", '{"0": 1}', "3×3 numbers|no camera_matrix"),
-    ],
-)
-def test_bad_cameras(name, text, match, tmp_path):
-    (tmp_path / name).write_text(text)
-    with pytest.raises(InputError, match=match):
-        read_camera(tmp_path / name)
 
 
 def test_bad_footage(footage, small, tmp_path):
