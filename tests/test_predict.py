@@ -5,6 +5,7 @@ broken stops it.
 import csv
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -30,7 +31,6 @@ from dronekeypp.errors import InputError
 from dronekeypp.files import lock_folder
 from dronekeypp.footage import (
     Calibration,
-    Footage,
     Tracker,
     open_footage,
     read_boxes,
@@ -306,8 +306,8 @@ def test_a_run_killed_before_its_first_row_goes_on(footage, small, tmp_path, mon
 def test_a_mended_input_is_taken(footage, small, tmp_path):
     images, camera, boxes, _ = footage
     mine = tmp_path / "boxes.csv"
-    mine.write_text(boxes.read_text().replace("shot_0", "shot_x"))
-    with pytest.raises(InputError, match="line 2: not a frame"):
+    mine.write_text(boxes.read_text().replace("frame,x", "frame,left"))
+    with pytest.raises(InputError, match="the header needs frame, x, y, w, h"):
         predict(small, images, camera, tmp_path / "out", boxes=mine, overlay=False, progress=False)
     mine.write_text(boxes.read_text())
     poses = predict(small, images, camera, tmp_path / "out", boxes=mine, overlay=False, progress=False)
@@ -439,6 +439,46 @@ def test_a_video_and_a_box_in_its_first_frame(video, small, tmp_path, monkeypatc
     assert len(poses) == 12
 
 
+def test_a_rate_overrides_that_of_a_video(video, small, tmp_path):
+    path, camera = video
+
+    def positions(smooth, rate):
+        usual = dict(box=(80, 100, 60, 40), overlay=False, progress=False)
+        poses = predict(small, path, camera, tmp_path / "out", smooth=smooth, rate=rate, **usual)
+        return np.array([pose.t for pose in poses])
+
+    raw = positions(0.0, None)
+    np.testing.assert_allclose(positions(0.05, 1), raw)  # a second apart: no neighbour near
+    own = positions(0.05, None)
+    assert not np.allclose(own, raw) and np.array_equal(own, positions(0.05, 25))
+
+
+def test_unevenly_timed_frames_are_smoothed_by_their_times(video, small, tmp_path, monkeypatch, capsys):
+    path, camera = video
+    even = open_footage(path)
+    times = np.arange(12) / 25
+    times[6:] += 10  # a gap: frames before it say nothing of frames after it
+    monkeypatch.setattr(run, "open_footage", lambda path: replace(even, rate=1.1, times=tuple(times)))
+    usual = dict(box=(80, 100, 60, 40), overlay=False)
+    raw = predict(small, path, camera, tmp_path / "out", progress=False, **usual)
+    poses = predict(small, path, camera, tmp_path / "out", smooth=0.5, **usual)
+    assert "unevenly timed, 1.1 frames a second on the average" in capsys.readouterr().out
+    before, after = (np.array([pose.t for pose in each]) for each in (raw, poses))
+    first, second = before[:6], before[6:]
+    for part, smoothed in ((first, after[:6]), (second, after[6:])):
+        assert (smoothed >= part.min(axis=0) - 1e-9).all() and (smoothed <= part.max(axis=0) + 1e-9).all()
+        assert np.ptp(smoothed, axis=0).max() < np.ptp(part, axis=0).max()
+
+
+def test_names_with_colons_on_both_sides(video, small, tmp_path, monkeypatch):
+    path, camera = video
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(path, "12:30:15.avi")
+    box = (80, 100, 60, 40)
+    predict(small, Path("12:30:15.avi"), camera, Path("out:12:30"), box=box, progress=False)
+    assert len(open_footage(Path("out:12:30/overlay.mp4")).names) == 12
+
+
 def test_a_folder_called_like_a_video_is_a_folder(footage, small, tmp_path):
     images, camera, boxes, _ = footage
     folder = shutil.copytree(images, tmp_path / "flight.mp4")
@@ -464,7 +504,59 @@ def test_a_bar_is_shown_in_a_terminal_only(footage, small, tmp_path, capsys, mon
         predict(small, images, camera, tmp_path / "out", boxes=boxes, overlay=False, progress=progress)
     assert given == [None, True]
     shown = capsys.readouterr()
-    assert shown.err == "" and shown.out == f"{tmp_path / 'out'}: 7 poses of 7 frames\n"
+    line = "7 poses of 7 frames; boxes.csv (CSV): 7 of 7 boxes used, 0 left out, 0 on no frame"
+    names = "its first name shot_0.jpg, the footage's shot_0.jpg"
+    camera_line = (
+        "camera.json: OpenCV: fx 1660.13, fy 1660.13, cx 955.919, cy 541.397 from camera_matrix; "
+        "size 1920x1080 from image_width, image_height; no distortion"
+    )
+    assert shown.err == ""
+    assert shown.out.splitlines() == [camera_line, f"{tmp_path / 'out'}: {line}; {names}"]
+
+
+def test_json_has_the_numbers_of_the_closing_line(footage, small, tmp_path, capsys):
+    """Of two classes one is chosen; a frame cannot be read; a box is of no frame."""
+    images, camera, boxes, _ = footage
+    folder = shutil.copytree(images, tmp_path / "images")
+    (folder / "shot_2.jpg").write_bytes(b"no picture")
+    rows = [f"{line},drone" for line in boxes.read_text().splitlines()[1:]]
+    rows += ["shot_9.jpg,1,2,30,40,drone", "shot_1.jpg,1,2,30,40,bird"]
+    (tmp_path / "b.csv").write_text("\n".join(["frame,x,y,w,h,class", *rows]) + "\n")
+    where = ["--camera", str(camera), "--boxes", str(tmp_path / "b.csv"), "--out", str(tmp_path / "out")]
+    command = ["predict", str(small), str(folder), *where, "--no-overlay"]
+    assert main(command) == 2 and "drone in 7, bird in 1; choose with --class" in capsys.readouterr().err
+    assert main([*command, "--class", "drone", "--json", str(tmp_path / "no" / "a.json")]) == 2
+    assert not (tmp_path / "out").exists()
+    assert main([*command, "--class", "drone", "--json", str(tmp_path / "a.json")]) == 0
+    report = json.loads((tmp_path / "a.json").read_text())
+    boxes_report = report.pop("boxes")
+    assert report == {"frames": 7, "poses": 6, "without_pose": {"cannot be read": 1}}
+    assert boxes_report == {
+        "file": "b.csv",
+        "format": "CSV",
+        "boxes": 9,
+        "used": 6,
+        "left_out": {"of another class": 1, "on a frame that cannot be read": 1},
+        "on_no_frame": 1,
+        "no_drone": 0,
+        "first_name": "shot_0.jpg",
+        "footage_first_name": "shot_0.jpg",
+        "first_number": None,
+        "scaled": 0,
+    }
+    line = capsys.readouterr().out.splitlines()[-1]
+    assert (
+        "6 poses of 7 frames, 1 without one (1 cannot be read), see frames.csv; b.csv (CSV): 6 of 9" in line
+    )
+    assert main([*command, "--class", "bird"]) == 2 and "begun with another boxes" in capsys.readouterr().err
+
+
+def test_the_closing_line_of_a_tracked_box(video, small, tmp_path, capsys):
+    path, camera = video
+    predict(small, path, camera, tmp_path / "out", box=(80, 100, 60, 40), overlay=False)
+    assert "12 poses of 12 frames; --box (tracker): 12 of 12 boxes used" in capsys.readouterr().out
+    with pytest.raises(InputError, match="choose among the boxes of --boxes FILE"):
+        predict(small, path, camera, tmp_path / "out", box=(80, 100, 60, 40), tracks=["1"], progress=False)
 
 
 def test_a_video_whose_header_counts_wrong(video, tmp_path):
@@ -583,7 +675,7 @@ def test_a_flight_of_the_data_set_is_footage(small, frames, tmp_path):
     )
     np.testing.assert_allclose(poses[0].box, frames.frames[4].box, atol=0.01)
     np.testing.assert_array_equal(read_camera(flight / "scene_camera.json").K, frames.frames[4].K)
-    with pytest.raises(InputError, match="21 images could be"):
+    with pytest.raises(InputError, match="its first name is test/000600/rgb/000000.jpg, the footage lies in"):
         read_boxes(frames.root / "coco_test.json", ("000000.jpg",), 1920, 1080, tmp_path)
     (tmp_path / "link").symlink_to(flight / "rgb")
     linked = read_boxes(frames.root / "coco_test.json", ("000000.jpg",), 1920, 1080, tmp_path / "link")
@@ -719,24 +811,6 @@ def test_cameras_that_are_not_those_of_the_images_are_refused(crops, small, tmp_
     assert not (tmp_path / "out").exists()
 
 
-def test_coco_sets_of_several_videos(tmp_path):
-    """Frames of a video lie as in a folder of its name. Ids may be long. An absolute name counts, a sliver of
-    a box does not.
-    """
-    ids = (-9223372036854775801, 18446744073709551611, 5.0, 7)
-    names = ("v1/000000.jpg", "v2/000000.jpg", f"{tmp_path}/v2/000001.jpg", "v1/000001.jpg")
-    entries = [{"image_id": i, "bbox": [10 * n, 20, 30, 40]} for n, i in enumerate(ids, 1)]
-    entries.append({"image_id": ids[1], "bbox": [99.5, 20, 0.5, 40]})
-    coco = {
-        "images": [{"id": i, "file_name": name} for i, name in zip(ids, names, strict=True)],
-        "annotations": entries,
-    }
-    (tmp_path / "coco.json").write_text(json.dumps(coco))
-    folder = Footage(tmp_path / "v2.mp4", (), None).folder
-    found = read_boxes(tmp_path / "coco.json", ("000000", "000001"), 200, 100, folder)
-    assert {frame: box[0] for frame, box in found.items()} == {0: 20, 1: 30}
-
-
 @pytest.mark.parametrize("smooth", [-1, float("nan"), 1e-200])
 def test_a_bad_smoothing(footage, small, tmp_path, smooth):
     images, camera, boxes, _ = footage
@@ -767,163 +841,6 @@ def test_one_image_from_the_command_line(footage, small, tmp_path, capsys, monke
 
     monkeypatch.setattr("dronekeypp.predict.predict", stopped)
     assert main([*command, "--box", "1,2,3,4"]) == 130 and capsys.readouterr().err == "stopped\n"
-
-
-def test_numbered_names(tmp_path):
-    for name in ("1.jpg", "2.jpg", "10.jpg"):
-        cv2.imwrite(str(tmp_path / name), np.zeros((8, 8, 3), np.uint8))
-    names = open_footage(tmp_path).names
-    assert names == ("1.jpg", "2.jpg", "10.jpg")  # as people count
-    (tmp_path / "numbers.csv").write_text(
-        "\ufeffframe,x,y,w,h\n0,1,1,2,2\n1,2,1,2,2\n2,3,1,2,2\n", encoding="utf-8"
-    )
-    (tmp_path / "names.csv").write_text("frame,x,y,w,h\n1,1,1,2,2\n2,2,1,2,2\n10,3,1,2,2\n")
-    for name in ("numbers.csv", "names.csv"):
-        assert [box[0] for box in read_boxes(tmp_path / name, names, 8, 8).values()] == [1, 2, 3], name
-
-
-def test_a_detectors_labels_of_a_video(tmp_path):
-    (tmp_path / "flight_1.txt").write_text(
-        "0 0.5 0.5 0.2 0.2 0.9 1\n0 0.1 0.1 0.2 0.2 0.3 9\n"
-    )  # class, box, confidence, track
-    (tmp_path / "flight_3.txt").write_text(
-        "0 0.5 0.5 0.2 0.2 0.1 0.2 0.9 0.3 0.4 0.1\n"
-    )  # class, box, keypoints
-    found = read_boxes(tmp_path, ("000000", "000001", "000002"), 100, 100)
-    assert sorted(found) == [0, 2] and found[0].tolist() == pytest.approx([40, 40, 20, 20])
-
-
-def test_every_format_of_boxes_says_the_same(tmp_path):
-    names = ("a.jpg", "b.jpg", "c.jpg")
-    (tmp_path / "boxes.csv").write_text(
-        "frame,x,y,w,h,score\na.jpg,10,20,30,40,0.5\na.jpg,1,2,3,4,0.4\nc.jpg,50,60,20,10,0.9\n"
-    )
-    (tmp_path / "mot.txt").write_text("1,7,10,20,30,40,0.9,-1,-1,-1\n3,7,50,60,20,10,0.9,-1,-1,-1\n")
-    (tmp_path / "yolo").mkdir()
-    (tmp_path / "yolo" / "a.txt").write_text("0 0.125 0.4 0.15 0.4 0.9\n0 0.5 0.5 0.1 0.1 0.2\n")
-    (tmp_path / "yolo" / "c.txt").write_text("0 0.3 0.65 0.1 0.1\n")
-    (tmp_path / "yolo" / "classes.txt").write_text("drone\n")  # labelImg writes one
-    entries = [{"image_id": 5, "bbox": [10, 20, 30, 40]}, {"image_id": 9, "bbox": [50, 60, 20, 10]}]
-    coco = {
-        "images": [{"id": 5, "file_name": "x/a.jpg"}, {"id": 9, "file_name": "c.jpg"}],
-        "annotations": entries,
-    }
-    (tmp_path / "coco.json").write_text(json.dumps(coco))
-    by_number = [
-        {**entry, "image_id": frame, "score": 0.7} for entry, frame in zip(entries, ("a", 2), strict=True)
-    ]
-    (tmp_path / "detections.json").write_text(json.dumps(by_number))
-    for name in ("boxes.csv", "mot.txt", "yolo", "coco.json", "detections.json"):
-        found = read_boxes(tmp_path / name, names, 200, 100)
-        assert sorted(found) == [0, 2], name
-        np.testing.assert_allclose(found[0], [10, 20, 30, 40], err_msg=name)
-        np.testing.assert_allclose(found[2], [50, 60, 20, 10], err_msg=name)
-
-
-@pytest.mark.parametrize(
-    "name, text, match",
-    [
-        ("b.csv", "frame,x,y\n0,1,2\n", "the header needs frame, x, y, w, h"),
-        ("b.csv", "frame,x,y,w,h\nz.jpg,1,2,3,4\n", "line 2: not a frame"),
-        ("b.csv", "frame,x,y,w,h\n0,1,2,0,4\n", "line 2: a box needs .* above 0"),
-        ("b.csv", "frame,x,y,w,h\n0,300,2,5,4\n", "outside the 200×100 frame"),
-        ("b.csv", "frame,x,y,w,h\n0,nan,2,5,4\n", "finite"),
-        ("b.csv", "frame,x,y,w,h\n9,1,2,5,4\n", "no box for any of the 3 frames"),
-        ("b.txt", "1,2,three\n", "line 1: not numbers"),
-        ("b.txt", "1,2,3\n", "a MOT line is"),
-        ("b.txt", "0 0.5 0.5\n", "a YOLO line is"),
-        ("b.json", "{", "not valid JSON"),
-        ("b.json", "{}", "neither a COCO list"),
-        ("b.txt", "0,7,10,20,30,40,0.9\n", "MOT counts from 1"),
-        ("b.csv", "frame,x,y,w,h,score\n0,1,2,5,4,nan\n", "the score is nan"),
-        ("b.csv", "frame,x,y,w,h\n0,0.5,0.5,0.1,0.1\n", "shares of the frame"),
-        ("b.csv", "frame,x,y,w,h\n-1,1,2,5,4\n", "frame -1; the first is"),
-        ("b.json", '[{"image_id": 1e999, "bbox": [1, 2, 3, 4]}]', "entry 0: needs image_id"),
-        ("b.json", "[" * 100000, "not valid JSON"),
-        ("b.txt", "nan,1,2,3,4,5\n", "line 1: not finite"),
-        ("b.json", '{"images": [1]}', "an image without id"),
-        ("b.json", '{"images": null, "annotations": null}', "neither a COCO list"),
-        ("b.json", '[{"bbox": [1, 2, 3, 4]}]', "entry 0: needs image_id"),
-    ],
-)
-def test_bad_boxes(name, text, match, tmp_path):
-    (tmp_path / name).write_text(text)
-    with pytest.raises(InputError, match=match):
-        read_boxes(tmp_path / name, ("a.jpg", "b.jpg", "c.jpg"), 200, 100)
-
-
-def test_opencvs_own_calibration_files(tmp_path):
-    K = np.array([[1000.0, 0, 639.5], [0, 1001.0, 359.5], [0, 0, 1]])
-    for suffix in ("yml", "xml", "json"):
-        file = cv2.FileStorage(str(tmp_path / f"camera.{suffix}"), cv2.FILE_STORAGE_WRITE)
-        file.write("calibration_time", "today")
-        file.write("image_width", 1280)
-        file.write("image_height", 720)
-        file.write("camera_matrix", K)
-        file.write("distortion_coefficients", np.array([[-0.2, 0.05, 0.001, 0, 0]]))
-        file.release()
-        found = read_camera(tmp_path / f"camera.{suffix}")
-        np.testing.assert_allclose(found.K[:2, 2], [640, 360])  # our pixel centres lie at +0.5
-        np.testing.assert_allclose(found.opencv_K, K)
-        assert found.size == (1280, 720) and len(found.distortion) == 5
-    half = found.for_frames(640, 360)
-    np.testing.assert_allclose(half.K[:2], found.K[:2] / 2)
-    np.testing.assert_allclose(
-        found.for_frames(854, 480).K[0, 0], 1000 * 854 / 1280
-    )  # 480p: a third of a pixel off
-    with pytest.raises(InputError, match="not the same shape"):
-        found.for_frames(640, 480)
-    with pytest.raises(InputError, match="a focal length of 0.9 pixels"):
-        Calibration(np.array([[0.9, 0, 0.5], [0, 0.9, 0.5], [0, 0, 1]])).for_frames(640, 480)
-
-
-def test_a_distorted_frame_is_straightened():
-    K = np.array([[300.0, 0, 160], [0, 300, 120], [0, 0, 1]])
-    bent = Calibration(K, np.array([-0.3, 0.1, 0.0, 0.0]))
-    corners = np.array([[250.0, 60.0], [290.0, 90.0]])  # of a box in the distorted picture
-    box = bent.undistort_box(np.array([*corners[0], *(corners[1] - corners[0])]))
-    assert box[0] + box[2] > 290 and box[1] < 60  # barrel distortion drew it towards the middle
-    image = np.zeros((240, 320, 3), np.uint8)
-    image[60:90, 250:290] = 255
-    bright = np.argwhere(bent.undistort(image)[..., 0] > 127)
-    assert box[0] - 1 <= bright[:, 1].min() and bright[:, 1].max() <= box[0] + box[2] + 1
-    straight = Calibration(K)
-    assert straight.undistort(image) is image
-
-
-@pytest.mark.parametrize(
-    "name, text, match",
-    [
-        ("c.json", "{", "not valid JSON"),
-        ("c.json", "[]", "holds no settings"),
-        ("c.json", "{}", "holds no camera_matrix"),
-        ("c.json", '{"K": [[1, 0], [0, 1]]}', "3×3 numbers"),
-        ("c.yml", "hello", "not a calibration"),
-        ("c.json", '{"K": [[5, 0, 1], [0, 5, 1], [0, 0, 1]], "fisheye_model": 1}', "a fisheye camera"),
-        ("c.json", '{"K": [[-5, 0, 1], [0, 5, 1], [0, 0, 1]]}', "focal lengths must be positive"),
-        (
-            "c.json",
-            '{"K": [[5, 0, 1], [0, 5, 1], [0, 0, 1]], "dist_coeffs": [1, 2]}',
-            "distortion has 2 numbers",
-        ),
-        (
-            "c.json",
-            '{"K": [[5, 0, 1], [0, 5, 1], [0, 0, 1]], "image_width": -32, "image_height": -24}',
-            "must be positive",
-        ),
-        (
-            "c.json",
-            '{"K": [[5, 0, 1], [0, 5, 1], [0, 0, 1]], "image_width": 1e999, "image_height": 24}',
-            "numbers",
-        ),
-        ("scene_camera.json", "{}", "not one camera for all"),
-        ("scene_camera.json", '{"0": 1}', "3×3 numbers|no camera_matrix"),
-    ],
-)
-def test_bad_cameras(name, text, match, tmp_path):
-    (tmp_path / name).write_text(text)
-    with pytest.raises(InputError, match=match):
-        read_camera(tmp_path / name)
 
 
 def test_bad_footage(footage, small, tmp_path):

@@ -141,20 +141,27 @@ def evaluate(p: ArgumentParser) -> None:
 
 def predict(p: ArgumentParser) -> None:
     footage = "a video, a folder of images, one image, or a scene of a BOP data set"
-    camera = "calibration as OpenCV writes it (YAML, XML, JSON), plain JSON, or a scene_camera.json"
-    boxes = "of the drone, from any detector: COCO JSON, YOLO txt (folder), CSV, MOT"
+    camera = "calibration of OpenCV, ROS, Kalibr, COLMAP, BOP or NeRF, or plain JSON (see README)"
+    boxes = "of the drone: COCO JSON, YOLO txt or VOC XML (folders), CSV, MOT, x,y,w,h a line (README)"
+    kind = "of the boxes that are the drone's, by name or number; repeat for several"
+    track = "of the boxes that are the drone's; repeat for several"
+    count = "the number of the first frame, where the numbers of the boxes do not tell"
     first = "of the drone in the first frame, without such a file; a tracker carries it on"
     smooth = "sigma of a Gaussian over the poses (default 0: none)"
-    rate = "of a folder of images (default 30); a video knows its own"
+    rate = "of a folder of images (default 30), or of a video in place of its own times"
     p.add_argument("checkpoint", type=Path)
     p.add_argument("footage", type=Path, metavar="INPUT", help=footage)
     p.add_argument("--camera", type=Path, required=True, metavar="FILE", help=camera)
     p.add_argument("--boxes", type=Path, metavar="FILE", help=boxes)
+    p.add_argument("--class", dest="kinds", action="append", default=[], metavar="NAME", help=kind)
+    p.add_argument("--track", dest="tracks", action="append", default=[], metavar="N", help=track)
+    p.add_argument("--count-from", type=int, choices=(0, 1), help=count)
     p.add_argument("--box", type=box, metavar="X,Y,W,H", help=first)
     p.add_argument("--out", type=Path, required=True, metavar="DIR")
     p.add_argument("--smooth", type=float, default=0.0, metavar="SECONDS", help=smooth)
-    p.add_argument("--rate", type=float, default=30.0, metavar="FPS", help=rate)
+    p.add_argument("--rate", type=float, metavar="FPS", help=rate)
     p.add_argument("--no-overlay", action="store_true", help="write no video")
+    p.add_argument("--json", type=Path, metavar="FILE", help="also write the numbers of the last line there")
 
 
 def export(p: ArgumentParser) -> None:

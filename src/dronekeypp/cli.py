@@ -107,6 +107,10 @@ def _predict(args: Namespace) -> None:
         args.smooth,
         not args.no_overlay,
         rate=args.rate,
+        kinds=args.kinds,
+        tracks=args.tracks,
+        count_from=args.count_from,
+        json_file=args.json,
     )
 
 

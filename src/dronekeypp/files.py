@@ -33,11 +33,39 @@ def read_json(path: str | Path, missing: str = "not found", mend: str = "") -> A
         InputError: the file is missing, or it is not JSON. The message names the file.
     """
     try:
-        return json.loads(Path(path).read_text(encoding="utf-8"), parse_int=_whole_number)
+        text = Path(path).read_text(encoding="utf-8")
     except FileNotFoundError:
         raise InputError(f"{path}: {missing}") from None
+    except ValueError as error:
+        raise InputError(f"{path}: not valid JSON ({error})" + (f"; {mend}" if mend else "")) from None
+    return parse_json(text, path, mend)
+
+
+def parse_json(text: str, path: str | Path, mend: str = "", unique_keys: bool = False) -> Any:
+    """Return the content of JSON text. A whole number that no float can hold comes back as infinity.
+
+    Args:
+        text: the text.
+        path: the file it is of, for messages.
+        mend: what the message tells the reader to do about text that is not JSON.
+        unique_keys: whether to refuse an object that has a key twice, of which JSON would keep the last.
+
+    Raises:
+        InputError: it is not JSON.
+    """
+    hook = _unique_keys if unique_keys else None
+    try:
+        return json.loads(text, parse_int=_whole_number, object_pairs_hook=hook)
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: not valid JSON ({error})" + (f"; {mend}" if mend else "")) from None
+
+
+def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        repeated = [key for key, _ in pairs if sum(key == other for other, _ in pairs) > 1]
+        raise ValueError(f"the key {repeated[0]!r} is there twice in one object")
+    return content
 
 
 def _whole_number(text: str) -> int | float:

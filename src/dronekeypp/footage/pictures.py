@@ -12,10 +12,21 @@ import numpy as np
 
 from dronekeypp.errors import InputError
 from dronekeypp.files import digest, natural_order
+from dronekeypp.footage.decoding import read_picture
+from dronekeypp.footage.videos import count_frames, open_video
 
 CAMERA_FILE = "scene_camera.json"  # of a scene of a BOP data set
-IMAGES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
-VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".m4v", ".webm")
+# What OpenCV decodes, and what FFmpeg in it does. An animated GIF is a video.
+IMAGES = (
+    *(".jpg", ".jpeg", ".jpe", ".png", ".bmp", ".dib", ".tif", ".tiff", ".webp", ".avif", ".jp2"),
+    *(".pbm", ".pgm", ".ppm", ".pnm", ".pxm", ".pfm", ".ras", ".sr", ".hdr", ".pic"),
+)
+VIDEOS = (
+    *(".mp4", ".avi", ".mov", ".mkv", ".m4v", ".webm", ".mpg", ".mpeg", ".m2v", ".mts", ".m2ts", ".ts"),
+    *(".wmv", ".asf", ".flv", ".f4v", ".ogv", ".3gp", ".3g2", ".vob", ".mxf", ".gif", ".y4m"),
+    *(".mjpg", ".mjpeg", ".h264", ".264", ".h265", ".265", ".hevc", ".lrv", ".insv", ".dav"),
+)
+DEFAULT_RATE = 30.0  # frames a second of images, which do not say when they were taken
 
 
 @dataclass(frozen=True)
@@ -48,12 +59,22 @@ class Footage:
     Attributes:
         path: the video, the folder of images, or the image.
         names: one for each frame: the name of its file, or its number in a video ("000012").
-        rate: frames a second of a video. It is None for images, which do not say when they were taken.
+        rate: frames a second of a video, on the average. It is None for images, which do not say when they
+            were taken.
+        times: when each frame was taken, seconds, where a video's are uneven or its header names another
+            rate.
     """
 
     path: Path
     names: tuple[str, ...]
     rate: float | None
+    times: tuple[float, ...] | None = None
+
+    def frame_times(self) -> np.ndarray:
+        """Return when each frame was taken (F,), seconds; of images as if there were 30 a second."""
+        if self.times is not None:
+            return np.array(self.times)
+        return np.arange(len(self.names)) / (self.rate or DEFAULT_RATE)
 
     @property
     def is_video(self) -> bool:
@@ -116,7 +137,7 @@ class Footage:
             yield number, read_picture(self.folder / self.names[number])
 
     def _read_video(self, start: int) -> Iterator[tuple[int, np.ndarray | None]]:
-        video = cv2.VideoCapture(str(self.path))
+        video = open_video(self.path)
         try:
             # From the first frame on: seeking in compressed video is not exact.
             for number in range(len(self.names)):
@@ -129,16 +150,6 @@ class Footage:
                 yield number, cv2.cvtColor(image, cv2.COLOR_BGR2RGB) if readable else None
         finally:
             video.release()
-
-
-def read_picture(path: Path) -> np.ndarray | None:
-    """Read an image file as (H, W, 3) uint8 RGB, or return None if it is missing or broken."""
-    try:
-        data = np.frombuffer(path.read_bytes(), np.uint8)
-    except OSError:
-        return None
-    image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
-    return None if image is None else cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 
 def open_footage(path: str | Path) -> Footage:
@@ -155,14 +166,16 @@ def open_footage(path: str | Path) -> Footage:
         path = path / "rgb"
     if path.is_dir():
         return Footage(path, _image_names(path), None)
-    if not path.is_file():
+    if not path.exists():
         raise InputError(f"{path}: not found")
+    if not path.is_file():
+        raise InputError(f"{path}: a pipe or a device, which cannot be read twice; give a file")
     if path.suffix.lower() in IMAGES:
         return Footage(path, (path.name,), None)
     if path.suffix.lower() not in VIDEOS:
         raise InputError(f"{path}: neither an image ({', '.join(IMAGES)}) nor a video ({', '.join(VIDEOS)})")
-    count, rate = _count_frames(path)
-    return Footage(path, tuple(f"{i:06d}" for i in range(count)), rate)
+    count, rate, times = count_frames(path)
+    return Footage(path, tuple(f"{i:06d}" for i in range(count)), rate, times)
 
 
 def _image_names(folder: Path) -> tuple[str, ...]:
@@ -174,24 +187,3 @@ def _image_names(folder: Path) -> tuple[str, ...]:
     if not names:
         raise InputError(f"{folder}: no image in this folder ({', '.join(IMAGES)})")
     return tuple(sorted(names, key=natural_order))
-
-
-def _count_frames(path: Path) -> tuple[int, float | None]:
-    """Return the number of frames of a video, and its frames a second where it knows them."""
-    video = cv2.VideoCapture(str(path))
-    try:
-        promised = video.get(cv2.CAP_PROP_FRAME_COUNT)
-        rate = float(video.get(cv2.CAP_PROP_FPS))
-        count = 0
-        while video.grab():  # the header's count may be wrong
-            count += 1
-    finally:
-        video.release()
-    if count < 1:
-        raise InputError(f"{path}: cannot be opened as a video; is it whole?")
-    # A frame that is promised and cannot be read gets a row that says so. But a frame takes a byte at least,
-    # and Matroska promises no frames, only a duration.
-    counts_frames = path.suffix.lower() not in (".mkv", ".webm")
-    if counts_frames and count < promised < path.stat().st_size:
-        count = int(promised)
-    return count, rate if np.isfinite(rate) and rate > 0 else None

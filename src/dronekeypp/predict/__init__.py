@@ -13,7 +13,8 @@ OUT holds
     trajectory.png  the path in space
     settings.json   what the run was begun with; it goes on only with the same
 With `smooth`, poses.csv, overlay and trajectory hold the smoothed poses. The journal always holds the poses
-of the single frames.
+of the single frames. At the end a line says how many frames have a pose, and what became of every box that
+was given (`footage.BoxReport`).
 """
 
 from dronekeypp.predict.batches import mirror_doubt

@@ -13,7 +13,7 @@ import numpy as np
 
 from dronekeypp.classes import DroneClass, names_of
 from dronekeypp.errors import InputError
-from dronekeypp.files import digest, read_json, remove_unfinished, write_beside, write_json
+from dronekeypp.files import read_json, remove_unfinished, write_beside, write_json
 from dronekeypp.footage import BopScene
 from dronekeypp.sixdronesyn.results import Estimate, results_csv
 
@@ -63,22 +63,6 @@ class Pose:
     seconds: float
     turn_sigma_deg: float
     shift_sigma_m: float
-
-
-def boxes_digest(path: str | Path) -> str:
-    """Return the digest of a file of boxes, or of every .txt in a folder.
-
-    Raises:
-        InputError: There is none.
-    """
-    path = Path(path)
-    files = sorted(path.glob("*.txt")) if path.is_dir() else [path]
-    content = b""
-    for file in files:
-        if not file.is_file():
-            raise InputError(f"{path}: boxes not found")
-        content += file.name.encode() + file.read_bytes()
-    return digest(content)
 
 
 def check_folder(out: Path) -> dict[str, Any]:

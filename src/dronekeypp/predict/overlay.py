@@ -16,7 +16,7 @@ from dronekeypp.camera import project
 from dronekeypp.classes import DroneClass
 from dronekeypp.errors import InputError
 from dronekeypp.files import write_beside, writing_beside
-from dronekeypp.footage import Calibration, Footage
+from dronekeypp.footage import DEFAULT_RATE, Calibration, Footage, open_video, writable_rate
 from dronekeypp.predict.journal import POSES, Pose
 
 VIDEO, PICTURE, TRAJECTORY = "overlay.mp4", "overlay.png", "trajectory.png"
@@ -92,7 +92,6 @@ def write_overlay(
     calibrations: Sequence[Calibration],
     poses: Mapping[int, Pose],
     drones: Sequence[DroneClass],
-    rate: float,
 ) -> None:
     """Write every frame that can be read to overlay.mp4 (of one image overlay.png) in the folder `out`.
 
@@ -104,7 +103,6 @@ def write_overlay(
         calibrations: the camera's, for every frame.
         poses: {frame number: pose}. A frame without a pose is shown as it is.
         drones: the network's classes.
-        rate: frames a second.
 
     Raises:
         InputError: OpenCV cannot write such a video here, or not the whole of it.
@@ -115,8 +113,8 @@ def write_overlay(
             write_beside(out / PICTURE, cv2.imencode(".png", image[..., ::-1])[1].tobytes())
         return
     with writing_beside(out / VIDEO) as beside:
-        written = _write_video(beside, images, rate)
-        video = cv2.VideoCapture(str(beside))  # OpenCV says nothing of a full disk
+        written = _write_video(beside, images, source.rate or DEFAULT_RATE)
+        video = open_video(beside)  # OpenCV says nothing of a full disk
         readable = video.get(cv2.CAP_PROP_FRAME_COUNT)
         video.release()
         if readable != written:
@@ -145,13 +143,18 @@ def _drawn_frames(
 
 
 def _write_video(path: Path, images: Iterator[np.ndarray], rate: float) -> int:
-    """Write the images that have the first one's size as an mp4, and return their number."""
+    """Write the images that have the first one's size as an mp4, and return their number.
+
+    The rate is made one that MPEG-4 can have.
+    """
     writer, size, written = None, None, 0
     try:
         for image in images:
             if writer is None:
                 size = image.shape[1::-1]
-                writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), rate, size)
+                # Absolute, because FFmpeg takes what stands before a colon in a name for a protocol.
+                name, codec = str(path.absolute()), cv2.VideoWriter_fourcc(*"mp4v")
+                writer = cv2.VideoWriter(name, codec, writable_rate(rate), size)
                 if not writer.isOpened():
                     raise InputError(
                         f"{path}: OpenCV cannot write an mp4 here; run again without the overlay"

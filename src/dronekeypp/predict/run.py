@@ -13,8 +13,17 @@ from tqdm import tqdm
 from dronekeypp.checkpoint import weights_file
 from dronekeypp.classes import names_of
 from dronekeypp.errors import InputError
-from dronekeypp.files import digest, lock_folder, write_beside
-from dronekeypp.footage import Footage, Tracker, check_box, open_footage, read_boxes, read_cameras
+from dronekeypp.evaluate.run import check_writable
+from dronekeypp.files import digest, lock_folder, write_beside, write_json
+from dronekeypp.footage import (
+    Footage,
+    Tracker,
+    check_box,
+    fit_to_frames,
+    open_footage,
+    read_boxes,
+    read_cameras,
+)
 from dronekeypp.predict.batches import load_network, predicted
 from dronekeypp.predict.journal import (
     COLUMNS,
@@ -24,12 +33,12 @@ from dronekeypp.predict.journal import (
     Row,
     begin,
     bop_results,
-    boxes_digest,
     check_folder,
     read_journal,
     to_pose,
 )
 from dronekeypp.predict.overlay import TRAJECTORY, draw_trajectory, write_overlay
+from dronekeypp.predict.summary import box_report, closing_line, summary
 from dronekeypp.sequences import gaussian
 from dronekeypp.sixdronesyn import bop
 from dronekeypp.sixdronesyn.results import object_numbers
@@ -45,7 +54,11 @@ def predict(
     smooth: float = 0.0,
     overlay: bool = True,
     progress: bool = True,
-    rate: float = 30.0,
+    rate: float | None = None,
+    kinds: Sequence[str] = (),
+    tracks: Sequence[str] = (),
+    count_from: int | None = None,
+    json_file: str | Path | None = None,
 ) -> list[Pose]:
     """Find the pose of the drone in every frame that has a box.
 
@@ -61,20 +74,29 @@ def predict(
         box: (x, y, w, h) in the first frame, carried on by a tracker, where there are no `boxes`.
         smooth: sigma of a Gaussian over the poses, seconds (at least 0.001); 0 leaves them as they are.
         overlay: whether to draw the poses on the footage.
-        progress: whether to print what was done, and to show a bar in a terminal.
-        rate: frames a second of a folder of images; a video knows its own.
+        progress: whether to print what was read of the camera and what was done, and to show a bar in a
+            terminal.
+        rate: frames a second, where the footage does not know better: of images (30 without), or of a video
+            whose own times are wrong.
+        kinds, tracks, count_from: which boxes of the file are meant, see `footage.read_boxes`.
+        json_file: a file to write the numbers of the closing line to; None for no file.
 
     Raises:
         InputError: An input cannot be read, or `out` was begun with other inputs. A broken frame is no
             error: it gets a row that says so.
     """
-    if not (np.isfinite(rate) and rate > 0):
+    if rate is not None and not (np.isfinite(rate) and rate > 0):
         raise InputError(f"--rate {rate}: frames a second, above 0")
     if not (smooth == 0 or (np.isfinite(smooth) and smooth >= 1e-3)):
         raise InputError(f"--smooth {smooth}: seconds, at least 0.001, or 0 for none")
+    if boxes is None and (kinds or tracks or count_from is not None):
+        raise InputError("--class, --track and --count-from choose among the boxes of --boxes FILE; give it")
+    if json_file:
+        check_writable(Path(json_file))  # before the work, not after it
     source = open_footage(footage)
     calibrations = read_cameras(camera, source)
-    rate = source.rate or rate
+    if rate is not None:
+        source = replace(source, rate=rate, times=None)
     if (boxes is None) == (box is None):
         raise InputError("give either --boxes FILE or --box x,y,w,h of the drone in the first frame")
     network = load_network(checkpoint)
@@ -82,7 +104,6 @@ def predict(
         "checkpoint": digest(weights_file(checkpoint).read_bytes()),
         "camera": digest(Path(camera).read_bytes()),
         "footage": [str(source.path.resolve()), len(source.names), source.digest()],
-        "boxes": boxes_digest(boxes) if boxes is not None else [float(value) for value in box],
         "drones": {drone.name: drone.digest for drone in network.drones},
     }
     scene = source.bop_scene
@@ -90,12 +111,17 @@ def predict(
     names = names_of(network.drones)
     numbers = dict(zip(names, object_numbers(network.drones, objects), strict=True))
     width, height = _frame_size(source)
-    calibrations = [calibration.for_frames(width, height) for calibration in calibrations]
+    calibrations = fit_to_frames(calibrations, width, height)
+    if progress:
+        print(calibrations[0].description)
+        if source.times is not None:
+            print(f"{source.path.name}: unevenly timed, {source.rate:.6g} frames a second on the average")
     given, first_box = None, None
     if boxes is not None:
-        given = read_boxes(boxes, source.names, width, height, source.folder)
+        given = read_boxes(boxes, source.names, width, height, source.folder, kinds, tracks, count_from)
     else:
         first_box = check_box(box, width, height, "--box")
+    settings["boxes"] = given.digest() if given is not None else first_box.tolist()
     out = Path(out)
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file, not a folder")
@@ -115,16 +141,17 @@ def predict(
         rows = read_journal(out / JOURNAL, names)
         poses = _poses(rows, source, out / JOURNAL)
         if smooth > 0:
-            poses = smoothed(poses, smooth, rate)
+            poses = smoothed(poses, smooth, source.frame_times())
         write_beside(out / POSES, bop_results(poses, numbers, scene).encode())
         write_beside(out / TRAJECTORY, draw_trajectory(poses))
         if overlay:
             pose_of = {pose.frame: pose for pose in poses}
-            write_overlay(out, source, calibrations, pose_of, network.drones, rate)
+            write_overlay(out, source, calibrations, pose_of, network.drones)
+    report = box_report(rows, given, source.names[0])
+    if json_file:
+        write_json(Path(json_file), summary(rows, report), indent=1)
     if progress:
-        skipped = len(rows) - len(poses)
-        note = f"; {skipped} without one, see {JOURNAL}" if skipped else ""
-        print(f"{out}: {len(poses)} poses of {len(rows)} frames{note}")
+        print(closing_line(out, rows, report))
     return poses
 
 
@@ -187,7 +214,7 @@ def _poses(rows: list[Row], source: Footage, journal: Path) -> list[Pose]:
     return poses
 
 
-def smoothed(poses: Sequence[Pose], sigma: float, rate: float) -> list[Pose]:
+def smoothed(poses: Sequence[Pose], sigma: float, frame_times: np.ndarray) -> list[Pose]:
     """Smooth the poses by `sequences.gaussian`.
 
     A frame counts as much as the network trusts it. Its trust follows from the deviations that it claims, or,
@@ -196,7 +223,7 @@ def smoothed(poses: Sequence[Pose], sigma: float, rate: float) -> list[Pose]:
     Args:
         poses: the poses of the frames.
         sigma: the sigma of the Gaussian, seconds.
-        rate: frames a second.
+        frame_times: (F,) when each frame of the footage was taken, seconds.
     """
     claims = np.array([(pose.turn_sigma_deg, pose.shift_sigma_m) for pose in poses])  # (F, 2)
     if np.isfinite(claims).all():
@@ -207,6 +234,6 @@ def smoothed(poses: Sequence[Pose], sigma: float, rate: float) -> list[Pose]:
         weights = 1 / (1 + np.square(doubt / max(np.median(doubt), 1e-6)))
     R = np.stack([pose.R for pose in poses])
     t = np.stack([pose.t for pose in poses])
-    times = np.array([pose.frame / rate for pose in poses])
+    times = frame_times[[pose.frame for pose in poses]]
     R, t = gaussian(R, t, times, sigma, weights)
     return [replace(pose, R=R[i], t=t[i]) for i, pose in enumerate(poses)]
