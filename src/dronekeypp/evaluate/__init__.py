@@ -4,7 +4,6 @@ There are the errors of every frame, the paper's and the field's, their summary 
 command `evaluate`.
 """
 
-from dronekeypp.evaluate.bop_measures import BOP_COLUMNS, BOP_MEASURES, bop_errors
 from dronekeypp.evaluate.bootstrap import (
     ENOUGH_SEEDS,
     NOT_TOLD_APART,
@@ -12,7 +11,8 @@ from dronekeypp.evaluate.bootstrap import (
     compare,
     interval_of_row,
 )
-from dronekeypp.evaluate.command import evaluate_checkpoint
+from dronekeypp.evaluate.bop_measures import BOP_COLUMNS, BOP_MEASURES, bop_errors
+from dronekeypp.evaluate.command import answers_pose, evaluate_checkpoint
 from dronekeypp.evaluate.errors import FORMAT, MARGIN, PCK, frame_errors
 from dronekeypp.evaluate.run import (
     apply_model,
@@ -47,6 +47,7 @@ __all__ = [
     "NOT_TOLD_APART",
     "PCK",
     "Difference",
+    "answers_pose",
     "apply_model",
     "averages",
     "batches_of",

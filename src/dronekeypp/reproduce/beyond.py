@@ -20,7 +20,8 @@ from torch.utils.data import Subset
 from dronekeypp import plots
 from dronekeypp.classes import DroneClass
 from dronekeypp.data import FrameDataset, read_annotations
-from dronekeypp.evaluate import json_values
+from dronekeypp.evaluate import ENOUGH_SEEDS, json_values
+from dronekeypp.evaluate.statistics import Frames
 from dronekeypp.files import write_beside
 from dronekeypp.model import DroneKeyPP
 from dronekeypp.reproduce.beyond_flights import FILTERS, over_flights, sequences
@@ -40,21 +41,24 @@ from dronekeypp.reproduce.beyond_uncertainty import (
     occlusion,
     surprise,
 )
+from dronekeypp.reproduce.comparisons import closing_lines, differences_to
+from dronekeypp.reproduce.field import field_errors, field_lines, measures_of
+from dronekeypp.reproduce.flights import Name, has_flights
 from dronekeypp.reproduce.priors import radius
-from dronekeypp.reproduce.protocol import Job, Part, Table
-from dronekeypp.reproduce.results import rows_and_averages
+from dronekeypp.reproduce.protocol import SPLITS, Job, Part, Table, add_entries
+from dronekeypp.reproduce.results import measurements
 from dronekeypp.reproduce.runner import Bench, Run
 from dronekeypp.reproduce.tables import (
-    PRINTED,
-    Name,
     average,
     heading,
     interval,
+    interval_note,
     line,
     methods,
     number,
     panels,
     percent,
+    with_intervals,
 )
 from dronekeypp.train import METRICS
 
@@ -101,17 +105,17 @@ WITHOUT = {
 class Beyond(Table):
     """Compare both networks, and two that were never shown one of the drones.
 
-    Each has one seed unless another number is given. The calibrated network is written to
-    data_samples/beyond.
+    Each has three seeds unless another number is given; those that were never shown one have one. The
+    calibrated network is written to data_samples/beyond.
     """
 
     name = "beyond"
     full_budget = True
-    lists = ("rows", "averages", "doubt", "occlusion", "shapes", "sequences")
+    lists = (*Table.lists, "doubt", "occlusion", "shapes", "sequences")
 
     def jobs(self, bench: Bench, seeds: int | None) -> list[Job]:
         jobs = []
-        for seed in range(seeds or 1):
+        for seed in range(seeds or ENOUGH_SEEDS):
             jobs += [Job(bench, PAPERS, seed), Job(bench, GEOMETRIC, seed)]
         return jobs + [Job(bench, run, 0) for run in WITHOUT.values()]
 
@@ -122,32 +126,43 @@ class Beyond(Table):
         trusted.
         """
         bench, run, seed = job.bench, job.run, job.seed
-        part: Part = {"rows": [], "averages": []}
         if run is PAPERS:
-            frames_of = bench.measure(run, seed)
+            part: Part = {}
+            for split in SPLITS:
+                add_rows(part, bench, job, split, bench.measure(run, seed, split, field=split == "test"))
         else:
-            bench.train(run, seed)
-            bench.say(f"asking {run.variant} seed {seed}")
-            model, val = load(bench, run, seed)
-            test_set = bench.split("test", run, seed)
-            answered = answers(model, test_set, () if run.without else tuple(PARTS))
+            part = self.measure_geometric(job)
+        part["run"] = bench.training_record(run, seed)
+        return part
+
+    def measure_geometric(self, job: Job) -> Part:
+        """Measure a geometric network, its parts and its covariance."""
+        bench, run, seed = job.bench, job.run, job.seed
+        bench.train(run, seed)
+        bench.say(f"asking {run.variant} seed {seed}")
+        model, val = load(bench, run, seed)
+        part: Part = {}
+        for split in SPLITS:
+            dataset = bench.split(split, run, seed, all_drones=True)
+            answered = answers(model, dataset, () if run.without else tuple(PARTS))
+            frames_of = {run.variant: answered.whole}
+            for name, frames in answered.parts.items():
+                frames_of[PARTS[name]] = frames
+            if split == "test":
+                for frames in frames_of.values():
+                    frames |= field_errors(frames, dataset)
             chosen = slice(None)
             if run.without:
                 chosen = answered.whole["label"] == bench.names.index(run.without)
-            uncertainty = doubt(answered.error[chosen], answered.covariance[chosen], model)
-            part["doubt"] = [{"variant": run.variant, "seed": seed, **json_values(uncertainty)}]
-            frames_of = {run.variant: {key: value[chosen] for key, value in answered.whole.items()}}
-            for name, frames in answered.parts.items():
-                frames_of[PARTS[name]] = frames
-            if seed == 0 and not run.without:
-                keep_network(bench, model, bench.folder(run, seed) / METRICS)
-                part |= self.details_of(job, model, answered, val, test_set)
-        for variant, frames in frames_of.items():
-            labels = {"method": METHOD, "variant": variant, "seed": seed}
-            measured = rows_and_averages(frames, bench.names, **labels)
-            part["rows"] += measured["rows"]
-            part["averages"] += measured["averages"]
-        part["run"] = bench.training_record(run, seed)
+                for name, frames in frames_of.items():
+                    frames_of[name] = {key: value[chosen] for key, value in frames.items()}
+            add_rows(part, bench, job, split, frames_of)
+            if split == "test":
+                uncertainty = doubt(answered.error[chosen], answered.covariance[chosen], model)
+                part["doubt"] = [{"variant": run.variant, "seed": seed, **json_values(uncertainty)}]
+                if seed == 0 and not run.without:
+                    keep_network(bench, model, bench.folder(run, seed) / METRICS)
+                    part |= self.details_of(job, model, answered, val, dataset)
         return part
 
     def details_of(
@@ -174,9 +189,16 @@ class Beyond(Table):
         return figures
 
 
-def reproduce(bench: Bench, seeds: int = 1) -> dict[str, Any]:
+def reproduce(bench: Bench, seeds: int | None = None) -> dict[str, Any]:
     """Train and measure whatever is missing, and return the recorded result."""
     return Beyond().reproduce(bench, seeds)
+
+
+def add_rows(part: Part, bench: Bench, job: Job, split: str, frames_of: dict[str | None, Frames]) -> None:
+    """Add what is recorded of a job's variants and one split to its part."""
+    for variant, frames in frames_of.items():
+        labels = {"method": METHOD, "variant": variant, "seed": job.seed}
+        add_entries(part, measurements(frames, bench.names, split, measures_of(frames), **labels))
 
 
 def load(bench: Bench, run: Run, seed: int) -> tuple[DroneKeyPP, Answers | None]:
@@ -227,25 +249,34 @@ def side_by_side(recorded: dict[str, Any]) -> list[Name]:
 
 def markdown(recorded: dict[str, Any]) -> str:
     """Return the table of both networks and their parts, and then what the covariance is worth."""
-    metrics = " | ".join(metric for metric, *_ in PRINTED)
+    shown_columns = with_intervals(recorded)
+    metrics = " | ".join(metric for metric, *_ in shown_columns)
+    note = "Mean of the 14 columns of Table 3, 95 % interval over them."
+    if has_flights(recorded):
+        note = f"Mean of the 14 columns of Table 3, with 95 % intervals. {interval_note(recorded)}"
     lines = [
         "# Beyond the paper: the geometry put back",
         "",
         heading(recorded),
         "",
-        "Mean of the 14 columns of Table 3, 95 % interval over them.",
+        note,
         "",
         f"| | {metrics} | class | flips | keypoints (px of the crop) |",
-        "|---|" + "---:|" * (len(PRINTED) + 3),
+        "|---|" + "---:|" * (len(shown_columns) + 3),
     ]
-    for name in side_by_side(recorded):
+    names = side_by_side(recorded)
+    for name in names:
         row = average(recorded, *name)
-        shown = [interval(row, key, digits) for _, key, _, digits in PRINTED]
+        shown = [interval(row, key, digits) for _, key, _, digits in shown_columns]
         shown += [percent(row["class_accuracy"]), percent(row["flip_rate"])]
         shown.append(number(row["keypoint_crop_px"], 1))
         lines.append(line([name[1] or "the paper’s network", *shown]))
+    paper: Name = (METHOD, None)
+    others = [name for name in names if name != paper]
+    differences, verdicts = differences_to(recorded, paper, others, "the paper’s network")
+    lines += differences + field_lines(recorded, names)
     lines += _covariance_lines(recorded) + _flight_lines(recorded) + _left_out_lines(recorded)
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines + closing_lines(recorded, verdicts)) + "\n"
 
 
 def _covariance_lines(recorded: dict[str, Any]) -> list[str]:

@@ -17,6 +17,10 @@ NOTE = (
     "*worse*: the interval leaves out 0 and every seed is on the same side of every seed of the "
     "reference; with fewer than three a question mark stays."
 )
+INTERVAL_NOTE = (
+    "The interval draws these sequences (scene and drone) with replacement. They are few: an interval this "
+    "rough says only whether two methods are far apart. Seeds are averaged first."
+)
 
 
 def difference_of_sequences(
