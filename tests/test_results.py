@@ -216,10 +216,14 @@ def test_a_claim_points_at_what_there_is_and_still_holds(claim):
         if cell["cell_type"] == "markdown":
             headings += "".join(cell["source"]).split("\n")
     assert any(re.match(rf"## {claim.section}\b", line) for line in headings)
-    assert claim.verdict in (claims.REPRODUCED, claims.DIFFERS, claims.NOT_ATTEMPTED)
-    assert claim.why or claim.verdict == claims.REPRODUCED
+    results = claims.Results()
+    verdict = claim.derived_verdict(results)
+    assert verdict in claims.VERDICTS and bool(claim.verdict) == (claim.compares is None)
+    assert claim.reason(results) or verdict == claims.REPRODUCED
     if claim.holds:
-        assert claim.holds(claims.Results()), "the verdict no longer fits the results"
+        assert claim.holds(results), "the verdict no longer fits the results"
+    if claim.ours and claim.rests_on and "°" in claim.ours(results):
+        assert claim.verdict == claims.SAME_ORDER  # a number on other data is never reproduced
 
 
 def test_a_verdict_that_no_longer_holds_is_told(monkeypatch, tmp_path):

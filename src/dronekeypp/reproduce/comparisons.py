@@ -40,6 +40,7 @@ def difference(
         split: "test" or "val".
     """
     if not has_flights(recorded):
+        recorded = without_flights.shared_sequences(recorded, (name, reference))
         ours, theirs = cells(recorded, *name, key)[:-1], cells(recorded, *reference, key)[:-1]
         seeds, their_seeds = by_seed(recorded, *name, key), by_seed(recorded, *reference, key)
         return without_flights.difference_of_sequences(ours, theirs, seeds, their_seeds)

@@ -34,7 +34,7 @@ def values_by_seed(
         if (entry["method"], entry["variant"], entry["split"]) == (*name, split):
             flights = zip(entry["scene"], entry["drone"], entry["subsequence"], strict=True)
             numbers = [np.nan if value is None else value for value in entry[key]]
-            values[entry["seed"]] = dict(zip(flights, numbers, strict=True))
+            values.setdefault(entry["seed"], {}).update(zip(flights, numbers, strict=True))
     return dict(sorted(values.items()))
 
 

@@ -29,6 +29,7 @@ from dronekeypp.reproduce.runner import Bench, Run
 from dronekeypp.reproduce.tables import heading, line, number, over_seeds, percent
 
 WHOLE = Run(DroneKeyPP.method)
+LEFT_OUT = "left out"  # the row of all drones together, each by the network that never saw it
 TOLD_MEASURES = ("distance_ratio", "R_deg", "t_m")  # of `told_wrong`
 
 # --- sizes ------------------------------------------------------------------------------------------------
@@ -213,6 +214,18 @@ def left_out(recorded: dict[str, Any], drone: str, key: str) -> tuple[float, flo
     inside = [row for row in mine if row["variant"] is None]
     outside = [row for row in mine if row["variant"] == without(drone).variant]
     return over_seeds(inside, key), over_seeds(outside, key)
+
+
+def pooled(recorded: dict[str, Any]) -> dict[str, Any]:
+    """Return the result with the rows and flights of all left-out drones under one name, LEFT_OUT."""
+    joined = {}
+    for name in ("rows", "validation", "flights"):
+        entries = []
+        for entry in recorded.get(name, []):
+            variant = LEFT_OUT if entry["variant"] else None
+            entries.append({**entry, "variant": variant})
+        joined[name] = entries
+    return {**recorded, **joined}
 
 
 def by_size(recorded: dict[str, Any]) -> list[str]:

@@ -7,10 +7,12 @@ else makes an interval over sequences.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from dronekeypp.evaluate import Difference, interval_of_mean
+from dronekeypp.reproduce.flights import Name
 
 NOTE = (
     "Difference of the errors, seeds averaged, with its 95 % interval over the sequences. *Better* or "
@@ -21,6 +23,17 @@ INTERVAL_NOTE = (
     "The interval draws these sequences (scene and drone) with replacement. They are few: an interval this "
     "rough says only whether two methods are far apart. Seeds are averaged first."
 )
+
+
+def shared_sequences(recorded: dict[str, Any], names: Sequence[Name]) -> dict[str, Any]:
+    """Return the result with the rows of the sequences (scene and drone) alone that all these rows saw."""
+    seen: dict[Name, set] = {name: set() for name in names}
+    for row in recorded["rows"]:
+        if (row["method"], row["variant"]) in seen:
+            seen[row["method"], row["variant"]].add((row["scene"], row["drone"]))
+    shared = set.intersection(*seen.values())
+    rows = [row for row in recorded["rows"] if (row["scene"], row["drone"]) in shared]
+    return {**recorded, "rows": rows}
 
 
 def difference_of_sequences(
