@@ -63,6 +63,18 @@ def test_outside_a_clone_a_recorded_result_is_said_to_need_the_repository(monkey
     assert read_result("table3")["name"] == "table3"
 
 
+@pytest.mark.parametrize("path", sorted(RESULTS.glob("*.json")), ids=lambda path: path.stem)
+def test_a_result_names_what_made_it(path):
+    recorded = read_json(path)
+    for run in recorded.get("runs", []):
+        assert {"seed", "hardware", "minutes", "changes"} <= set(run)
+        if "edition" in recorded["dataset"]:  # those of the first edition do not name it
+            assert len(run["weights"]) == 16 and "backbone" in run
+            assert recorded["flights"] and recorded["validation"]
+    if recorded.get("runs"):
+        assert recorded["budget"] and recorded["preset"] and len(recorded["dataset"]["digest"]) >= 16
+
+
 def test_table_3_is_made_from_its_recorded_result():
     recorded = read_result("table3")
     assert (ROOT / "figures" / "table3.md").read_text() == table3.markdown(recorded)

@@ -13,6 +13,7 @@ from dronekeypp.errors import InputError
 from dronekeypp.files import write_beside
 from dronekeypp.reproduce import ablations
 from dronekeypp.reproduce.claim_list import CLAIMS
+from dronekeypp.reproduce.comparisons import chance_sentence
 from dronekeypp.reproduce.evidence import Results, printed
 from dronekeypp.reproduce.picture import sheet
 from dronekeypp.reproduce.protocol import Table
@@ -136,6 +137,9 @@ def markdown(results: Results) -> str:
         if reason:
             verdict += f": {reason}"
         lines.append(line([claim.where, claim.says, " · ".join(links), claim.paper, ours, verdict]))
+    compared = [claim.compares for claim in CLAIMS if claim.compares]
+    count = sum(len(comparison.references) * len(comparison.keys) for comparison in compared)
+    lines += ["", f"(The verdicts on orders of rows rest on {count} comparisons. {chance_sentence(count)})"]
     return "\n".join(lines) + "\n"
 
 

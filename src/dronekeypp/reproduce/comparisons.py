@@ -101,13 +101,17 @@ def closing_lines(recorded: dict[str, Any], verdicts: int) -> list[str]:
     """
     lines = _asked_again_lines(recorded)
     if verdicts and has_flights(recorded):
-        by_chance = max(1, round(verdicts / CHANCE))
-        lines += [
-            "",
-            f"This page holds {verdicts} verdicts at 95 %. If no row differed from any other, about one in "
-            f"{CHANCE} of them, here {by_chance}, would still be told apart by chance alone.",
-        ]
+        lines += ["", f"This page holds {verdicts} verdicts at 95 %. {chance_sentence(verdicts)}"]
     return lines
+
+
+def chance_sentence(verdicts: int) -> str:
+    """Say how many of so many verdicts are due to chance."""
+    by_chance = max(1, round(verdicts / CHANCE))
+    return (
+        f"If no row differed from any other, about one in {CHANCE} of them, here {by_chance}, would still be "
+        "told apart by chance alone."
+    )
 
 
 def _asked_again_lines(recorded: dict[str, Any]) -> list[str]:

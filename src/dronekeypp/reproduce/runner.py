@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
-from dronekeypp import checkpoint, presets
+from dronekeypp import presets
 from dronekeypp.checkpoint import WEIGHTS
 from dronekeypp.classes import DroneClass, names_of
 from dronekeypp.data import FrameDataset, open_dataset
@@ -24,7 +24,7 @@ from dronekeypp.errors import InputError
 from dronekeypp.evaluate import evaluate
 from dronekeypp.evaluate.statistics import Frames
 from dronekeypp.files import digest, read_json
-from dronekeypp.model import DroneKeyPP, PoseNetwork
+from dronekeypp.model import PoseNetwork
 from dronekeypp.presets import TrainConfig
 from dronekeypp.reproduce.field import field_errors, has_field_errors
 from dronekeypp.reproduce.results import (
@@ -35,6 +35,7 @@ from dronekeypp.reproduce.results import (
     source_digest,
     write_npz,
 )
+from dronekeypp.reproduce.run import Run
 from dronekeypp.settings import Settings
 from dronekeypp.sixdronesyn import bop, folders
 from dronekeypp.sixdronesyn.drones import EDITION
@@ -49,50 +50,6 @@ from dronekeypp.train import (
     train_on,
     weights_digest,
 )
-
-
-@dataclass(frozen=True)
-class Run:
-    """Describe one training: a method, a variant of it, and the settings in which it differs from the preset.
-
-    Args:
-        method: its name, one of `checkpoint.METHODS`.
-        variant: the name of the variant; None is the method as it is.
-        changes: settings in which it differs from the preset.
-        without: the name of a drone that is left out of training and validation.
-        hypotheses: for a method with PnP, the readings of its two poses; each is a row of its own.
-    """
-
-    method: str
-    variant: str | None = None
-    changes: dict[str, Any] = field(default_factory=dict)
-    without: str | None = None
-    hypotheses: tuple[str, ...] = ()
-
-    @property
-    def slug(self) -> str:
-        """Return the name of its folder."""
-        text = f"{self.method} {self.variant or ''}".strip().lower().replace("++", "pp")
-        return "".join(c if c.isalnum() else "-" for c in text)
-
-    @property
-    def network(self) -> type[PoseNetwork]:
-        """Return the class of its network.
-
-        A detector of another library takes the settings of DroneKey++.
-        """
-        if self.method in checkpoint.METHODS:
-            return checkpoint.network_class(self.method)
-        return DroneKeyPP
-
-    def row_name(self, hypothesis: str | None) -> str | None:
-        """Return the variant's name in a table.
-
-        A PnP that takes the upright pose is a variant of its own.
-        """
-        if hypothesis != "upright":
-            return self.variant
-        return f"{self.variant}, upright" if self.variant else "upright"
 
 
 @dataclass
