@@ -16,19 +16,22 @@ from conftest import paint_environments
 from fakes import tiny
 from scipy.spatial.transform import Rotation
 
-from dronekeypp import checkpoint
+from dronekeypp import checkpoint, rotations
 from dronekeypp.baselines import yolo
 from dronekeypp.cli import main
 from dronekeypp.data import open_dataset
 from dronekeypp.errors import InputError
 from dronekeypp.evaluate import bop_errors, evaluate, measure
 from dronekeypp.files import read_json
+from dronekeypp.model import loss_terms
 from dronekeypp.presets import preset as find_preset
 from dronekeypp.reproduce import (
     ablations,
     beyond,
     figure6,
+    headings,
     priors,
+    rates,
     read_result,
     reproduce,
     reproduce_all,
@@ -107,6 +110,7 @@ def test_the_result_is_recorded_with_what_made_it(finished):
     assert recorded["preset"] == "cpu" and recorded["budget"]["frames"] == "64" and recorded["minutes"] >= 0
     assert [m for m in tables.methods(recorded) if not m[0].startswith("YOLO")] == [
         ("DroneKey++", None),
+        ("DroneKey++", "6D"),
         ("DroneKey", None),
         ("DroneKey", "upright"),
         ("DronePose", None),
@@ -147,7 +151,8 @@ def test_validation_stands_beside_test_flight_by_flight(finished):
     assert "R_medae_deg_ci95" not in row  # no interval of another statistic
     text = (root / "figures" / "table3.md").read_text()
     assert "## Differences to DroneKey++" in text and "better?" in text  # one seed
-    assert "This page holds 20 verdicts" in text
+    verdicts = len(tables.PRINTED) * (len(tables.methods(recorded)) - 1)
+    assert f"This page holds {verdicts} verdicts" in text
 
 
 def test_the_field_s_measures_stand_in_table_3(finished):
@@ -292,7 +297,7 @@ def test_yolo_is_measured_in_batches(finished, tmp_path, monkeypatch):
     monkeypatch.setattr(yolo, "detect", detector.detect)
     monkeypatch.setattr("dronekeypp.reproduce.table3_measures.BATCH", 16)
     bench = Bench(tmp_path, "cpu", BUDGET, "table3-cpu", data, stride=STRIDE, progress=False)
-    run = table3.RUNS[-1]
+    run = table3.YOLO_RUN
     frames_of, record = measure_yolo(bench, run, 0), yolo_record(bench, run, 0)
     assert detector.sizes == [16, 16, 10] and list(frames_of) == [None, "upright"]
     assert record["epochs"] == 2 and record["minutes"] == 0.2
@@ -549,7 +554,8 @@ def test_beyond(finished, tmp_path):
     recorded = reproduce("beyond", overrides=BUDGET, seeds=1, **where)
     variants = [variant for _, variant in tables.methods(recorded)]
     left_out = [run.variant for run in beyond.WITHOUT.values()]
-    assert variants == [None, "geometric", *beyond.PARTS.values(), *left_out]
+    no_search = beyond.NO_SEARCH.variant
+    assert variants == [None, "geometric", *beyond.PARTS.values(), no_search, *left_out]
     assert rows_of(recorded, None) == rows_of(table3_recorded, None)  # Table 3's own run
     for part in ("rows", "validation"):
         assert {row["drone"] for row in rows_of(recorded, "geometric without Tello", part)} == {"Tello"}
@@ -572,9 +578,12 @@ def test_beyond(finished, tmp_path):
     assert raw["t_m"] == pytest.approx(over_frames(recorded, "geometric")["t_mae_m"], rel=0.05)
     shipped = checkpoint.load(root / "data_samples" / "beyond")
     assert (shipped.config.pose, shipped.config.classifier) == ("geometric", "features")
+    assert shipped.config.decoder.search  # not the one that was trained without
+    assert [row["variant"] for row in recorded["doubt"]] == ["geometric", no_search, *left_out]
     text = (root / "figures" / "beyond.md").read_text()
     assert text == beyond.markdown(recorded) and text.count("geometric without") == 4
     assert "## Differences to the paper’s network" in text and "## The field's measures" in text
+    assert text.count(no_search) == 4  # rows, differences, the field's measures, covariance
     for name in ("beyond.png", "beyond_doubt.png"):
         assert (root / "figures" / name).stat().st_size > 10_000
 
@@ -588,6 +597,135 @@ def test_a_covariance_is_judged_by_how_often_it_holds():
         np.testing.assert_allclose(shares, beyond.LEVELS, atol=0.03, err_msg=name)
     np.testing.assert_allclose(beyond.calibration(error, covariance), 1, atol=0.03)
     np.testing.assert_allclose(beyond.calibration(3 * error, covariance), 3, atol=0.1)
+
+
+def test_rates_are_chosen_on_validation(finished, tmp_path, monkeypatch):
+    monkeypatch.setattr(rates, "METHODS", {name: rates.METHODS[name] for name in ("DroneKey++", "DronePose")})
+    where = dict(root=tmp_path, data=finished[1], stride=STRIDE, progress=False)
+    recorded = reproduce("rates", overrides={**BUDGET, "epochs": 1}, **where)
+    assert recorded == read_result("rates", tmp_path) and recorded["usual_lr"] == 1e-3
+    trained = [(entry["name"], entry["lr"], entry["seed"]) for entry in recorded["rates"]]
+    ours = [(3e-4, 0), (1e-3, 0), (1e-3, 1), (1e-3, 2), (3e-3, 0)]  # three seeds tell the noise
+    assert trained[:5] == [("DroneKey++", *entry) for entry in ours]
+    assert trained[5:] == [("DronePose", rate, 0) for rate in (3e-4, 1e-3, 3e-3)]
+    runs = tmp_path / "runs" / "ablations-cpu"
+    with open(runs / "dronepose-lr-0-003" / "seed0" / "metrics.csv") as file:
+        [row] = csv.DictReader(file)
+    entry = recorded["rates"][-1]
+    assert entry["score"] == float(row["score"]) and entry["val_R_medae_deg"] == float(row["val_R_medae_deg"])
+    assert not list(tmp_path.rglob("*.npz"))  # no scene was asked beyond the training's own validation
+    assert (runs / "dronekeypp" / "seed2").is_dir()  # the ablations' own run
+    text = (tmp_path / "figures" / "rates.md").read_text()
+    assert text == rates.markdown(recorded) and text.count("**") == 4 and "YOLOv8n-pose + PnP is not" in text
+    with pytest.raises(InputError, match="--set lr: the rows of rates differ in it"):
+        reproduce("rates", overrides={"lr": 1e-2}, **where)
+
+
+def made_up_rates(usual, others, noise):
+    """A result of `rates` with one method, three seeds of the paper's network, and these scores."""
+    entries = []
+    for seed, score in enumerate(noise):
+        entries.append({"name": "DroneKey++", "lr": 1e-3, "seed": seed, "score": score})
+    for rate, score in {3e-4: others[0], 1e-3: usual, 3e-3: others[1]}.items():
+        entries.append({"name": "DronePose", "lr": rate, "seed": 0, "score": score})
+    return {"usual_lr": 1e-3, "rates": entries}
+
+
+def test_a_rate_is_changed_only_where_it_is_better_by_more_than_the_noise():
+    noise = (0.98, 1.0, 1.02)  # a deviation of 2 %, so 5.7 % are two deviations of a difference
+    close = made_up_rates(1.05, (1.0, 1.3), noise)
+    assert rates.best_rate(close, "DronePose") == 3e-4 and rates.is_noise(close, "DronePose")
+    assert rates.noise(close) == pytest.approx(0.02) and rates.chosen_rate(close, "DronePose") == 1e-3
+    far = made_up_rates(1.07, (1.3, 1.0), noise)
+    assert rates.excess(far, "DronePose") == pytest.approx(0.07) and not rates.is_noise(far, "DronePose")
+    assert rates.chosen_rate(far, "DronePose") == 3e-3
+    alone = made_up_rates(1.0, (1.1, 1.2), noise[:1])  # the best already; one seed tells no noise
+    assert np.isnan(rates.noise(alone)) and rates.chosen_rate(alone, "DronePose") == 1e-3
+    with pytest.raises(InputError, match=r"rates: no method 'Mine'; known: DroneKey\+\+, DronePose"):
+        rates.best_rate(alone, "Mine")
+
+
+def test_a_method_s_rate_is_set_in_one_place(monkeypatch):
+    monkeypatch.setattr(table3, "RATES", {("DronePose", None): 3e-4})
+    told = Run("DronePose", "told the crop", {"use_rays": True})
+    assert table3.with_rate(Run("DronePose")).changes == {"lr": 3e-4}
+    assert table3.with_rate(told) is told
+    # What `rates` trains does not depend on what was chosen before.
+    assert rates.at_rate(table3.with_rate(Run("DronePose")), 1e-3, "cpu") == Run("DronePose")
+
+
+def test_six_numbers_weigh_26_times_three_angles():
+    R = torch.tensor(Rotation.from_rotvec([[0.0, 0.03, 0.0]]).as_matrix())  # yaw, about the camera's y
+    level = rotations.angles_to_matrix(torch.zeros(1, 3, dtype=torch.double))
+    unused = {"t": torch.zeros(1, 3), "keypoints": torch.zeros(1, 4, 2), "class_logits": torch.zeros(1, 7)}
+    truth = {**unused, "label": torch.zeros(1, dtype=torch.long), "R": level}
+    six = loss_terms({**unused, "R": R @ level}, truth)["L_rot"]
+    angles = rotations.matrix_to_angles(R @ level)
+    ratio = float(six / loss_terms({**unused, "angles": angles, "R": R @ level}, truth)["L_rot"])
+    assert ratio == pytest.approx(8 * np.pi**2 / 3, rel=1e-3)
+    assert round(ratio) == ablations.MATRIX_OVER_ANGLES
+    changes = {row.name: row.changes for row in ablations.ABLATIONS["heads"].rows}
+    assert changes["rotation: 6D, L_rot / 26"] == {"rotation": "sixd", "rotation_weight": 1 / 26}
+    assert changes["rotation: angles, L_rot × 26"] == {"rotation_weight": 26}
+
+
+def made_up_headings(errors):
+    """A result whose rows have these rotation errors (near the camera, elsewhere), by row and seed."""
+    entries = []
+    for variant, seeds in errors.items():
+        for seed, (near, far) in enumerate(seeds):
+            frames = {
+                "heading_deg": np.array([10.0, 50.0, 100.0, 44.9, 180.0]),
+                "R_deg": np.array([near, far, far, near, far]),
+            }
+            labels = {"method": "DroneKey++", "variant": variant, "seed": seed, "split": "test"}
+            entries += headings.by_heading(frames, **labels)
+    return {"by_heading": entries}
+
+
+def test_the_gain_is_split_by_heading():
+    recorded = made_up_headings({None: [(30.0, 10.0), (32.0, 12.0)], "6D": [(10.0, 6.0), (10.0, 6.0)]})
+    first = recorded["by_heading"][0]
+    assert (first["part"], first["frames"], first["share"]) == ("towards the camera", 2, 0.4)
+    assert first["R_mae_deg"] == first["R_medae_deg"] == 30
+    pair = ("DroneKey++", "6D"), ("DroneKey++", None)
+    near, elsewhere = headings.gain_lines(recorded, [pair])[-2:]
+    # 0.4 × 21 and 0.6 × 5 degrees of 11.4.
+    assert "| towards the camera | 40.0 % | +21.00 [+20.00, +22.00] | 73.7 % |" in near
+    assert "| elsewhere | 60.0 % | +5.00 [+4.00, +6.00] | 26.3 % |" in elsewhere
+    worse = headings.gain_lines(recorded, [pair[::-1]])[-1]
+    assert "-5.00" in worse and "| – |" in worse  # no part of a loss
+    assert headings.gain_lines(recorded, [(pair[0], ("DroneKey++", "other"))]) == []
+    assert headings.gain_lines({}, [pair]) == []
+
+
+def test_table_3_splits_the_gain_of_six_numbers_by_heading(finished):
+    root, _, recorded = finished
+    entries = recorded["by_heading"]
+    assert {(entry["method"], entry["variant"]) for entry in entries} == set(sum(table3.GAINS, ()))
+    for split, frames in (("val", 105), ("test", 42)):
+        own = [entry for entry in entries if entry["split"] == split and entry["variant"] == "6D"]
+        assert [entry["part"] for entry in own] == list(headings.PARTS)
+        assert sum(entry["frames"] for entry in own) == frames
+        assert sum(entry["share"] for entry in own) == pytest.approx(1, abs=1e-5)
+    whole = over_frames(recorded, "6D")["R_mae_deg"]
+    assert sum(e["share"] * e["R_mae_deg"] for e in own) == pytest.approx(whole, rel=1e-4)
+    text = (root / "figures" / "table3.md").read_text()
+    assert text.count("| DroneKey++ (6D) over DroneKey++ |") == 4
+
+
+def test_an_ablation_may_split_a_gain_by_heading(ablated, finished, monkeypatch):
+    root, _ = ablated
+    rows = ablations.Row("full"), ablations.Row("no class", {"use_class": False})  # trained for Table 5
+    mine = ablations.Ablation("Mine", rows, "full", seeds=1, gains=(("no class", "full"),))
+    monkeypatch.setitem(ablations.ABLATIONS, "mine", mine)
+    budget = {**BUDGET, "epochs": 1}
+    where = dict(root=root, data=finished[1], stride=STRIDE, progress=False)
+    recorded = reproduce("mine", overrides=budget, **where)
+    assert len(recorded["by_heading"]) == 2 * 2 * 2  # rows, splits and parts
+    text = ablations.markdown(recorded)
+    gain = text.index("| DroneKey++ (no class) over DroneKey++ (full) |")
+    assert gain < text.index("This page holds 5 verdicts at 95 %.")  # the page's last sentence
 
 
 def test_a_mirror_that_says_the_same_changes_nothing():

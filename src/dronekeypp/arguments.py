@@ -178,7 +178,7 @@ def bench(p: ArgumentParser) -> None:
 
 def reproduce(p: ArgumentParser) -> None:
     name = (
-        "table3 to table6, heads, rays, degraded, priors, figure6, domains, beyond, claims; "
+        "table3 to table6, rates, heads, rays, degraded, priors, figure6, domains, beyond, claims; "
         "several are made one after the other"
     )
     seeds = "trainings a row (default: the table's own number, mostly 3)"

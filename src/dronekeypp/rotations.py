@@ -21,9 +21,20 @@ from dronekeypp.errors import InputError
 LEVEL_FROM_CAMERA = ((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))
 
 
-def _level(like: Tensor) -> Tensor:
-    """Return LEVEL_FROM_CAMERA (3, 3) with the dtype and the device of `like`."""
-    return torch.tensor(LEVEL_FROM_CAMERA, dtype=like.dtype, device=like.device)
+def to_level(M: Tensor) -> Tensor:
+    """Return LEVEL_FROM_CAMERA @ M for matrices M (…, 3, n).
+
+    It takes rows and no matrix: a matrix made anew in every call would be copied from the CPU, which a CUDA
+    graph cannot hold.
+    """
+    right, down, forward = M.unbind(-2)
+    return torch.stack([forward, -right, -down], -2)
+
+
+def from_level(M: Tensor) -> Tensor:
+    """Return the transpose of LEVEL_FROM_CAMERA, times matrices M (…, 3, n); see `to_level`."""
+    forward, left, up = M.unbind(-2)
+    return torch.stack([-left, -up, forward], -2)
 
 
 def matrix_to_angles(R: Tensor) -> Tensor:
@@ -36,7 +47,7 @@ def matrix_to_angles(R: Tensor) -> Tensor:
         (…, 3) yaw, pitch and roll in the level frame, each divided by 360°, in [0, 1). Exactly at pitch ±90°
         they need not give R back.
     """
-    M = _level(R) @ R
+    M = to_level(R)
     yaw = torch.atan2(M[..., 1, 0], M[..., 0, 0])
     pitch = torch.asin((-M[..., 2, 0]).clamp(-1, 1))
     roll = torch.atan2(M[..., 2, 1], M[..., 2, 2])
@@ -57,7 +68,7 @@ def angles_to_matrix(angles: Tensor) -> Tensor:
         torch.stack([sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr], -1),
         torch.stack([-sp, cp * sr, cp * cr], -1),
     ]
-    return _level(angles).T @ torch.stack(rows, -2)
+    return from_level(torch.stack(rows, -2))
 
 
 def matrix_to_6d(R: Tensor) -> Tensor:

@@ -61,13 +61,14 @@ def _own_process() -> ProcessPoolExecutor:
     return ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
 
 
-def library(folder: Path) -> Callable[[str], Any]:
+def library(folder: Path) -> Callable[..., Any]:
     """Return the library's class YOLO, with its settings kept in `folder`.
 
-    It makes no network call. It changes the process: call it in one of its own.
+    It makes no network call, and installs nothing. It changes the process: call it in one of its own.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    os.environ |= {"YOLO_OFFLINE": "true", "YOLO_VERBOSE": "false", "YOLO_CONFIG_DIR": str(folder)}
+    os.environ |= {"YOLO_OFFLINE": "true", "YOLO_AUTOINSTALL": "false", "YOLO_VERBOSE": "false"}
+    os.environ["YOLO_CONFIG_DIR"] = str(folder)
     from ultralytics import YOLO, settings
 
     settings.update({"sync": False})

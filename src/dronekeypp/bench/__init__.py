@@ -11,30 +11,35 @@ them, one after the other.
 from dronekeypp.bench.contender import (
     COMPILED,
     EAGER,
+    GRAPHS,
     LIBRARY,
     ONNX,
     PAPER_SIZED,
     POSE34,
     YOLO,
+    YOLO_IN_ONNX,
     Contender,
     contenders,
     named,
 )
-from dronekeypp.bench.rows import detector_of, row_of, table
+from dronekeypp.bench.rows import detector_of, detectors_beside, row_of, table
 from dronekeypp.bench.run import bench
 
 __all__ = [
     "COMPILED",
     "EAGER",
+    "GRAPHS",
     "LIBRARY",
     "ONNX",
     "PAPER_SIZED",
     "POSE34",
     "YOLO",
+    "YOLO_IN_ONNX",
     "Contender",
     "bench",
     "contenders",
     "detector_of",
+    "detectors_beside",
     "named",
     "row_of",
     "table",

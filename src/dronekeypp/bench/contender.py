@@ -15,7 +15,10 @@ from dronekeypp.model import DroneKeyPP, ModelConfig
 
 # Methods that no checkpoint is needed for.
 YOLO, POSE34, PAPER_SIZED = yolo.METHOD, "DronePose, ResNet-34", "DroneKey++, paper-sized"
+# The detector as ONNX Runtime runs it, by the size of its input: its own, and that of our crops.
+YOLO_IN_ONNX = {f"{YOLO}, {size} px": size for size in (640, 96)}
 EAGER, COMPILED, ONNX, LIBRARY = "eager", "compiled", "ONNX Runtime", "its library"  # engines
+GRAPHS = "CUDA graphs"  # one more: compiled, and all its kernels started as one
 BATCHES = {"cpu": (1, 64), "cuda": (1, 512)}  # frames in a call, by device
 
 
@@ -47,23 +50,34 @@ def contenders(checkpoints: dict[str, str], exported: dict[str, str], threads: i
     chosen = []
     for device in devices:
         for batch in BATCHES[device]:
-            for name, engine, source in _methods(checkpoints, exported, device):
+            for name, engine, source in _methods(checkpoints, exported, device, batch):
                 chosen.append(Contender(name, engine, device, batch, threads, source))
     return chosen
 
 
 def _methods(
-    checkpoints: dict[str, str], exported: dict[str, str], device: str
+    checkpoints: dict[str, str], exported: dict[str, str], device: str, batch: int
 ) -> list[tuple[str, str, str]]:
-    """Return name, engine and checkpoint of all that run on a device, in the order of the table."""
+    """Return name, engine and checkpoint of all that run on a device, in the order of the table.
+
+    CUDA graphs save the starting of kernels. That counts for one frame, and not for hundreds at a time.
+    """
+    graphs = device == "cuda" and batch == 1
     methods = []
     for name, folder in checkpoints.items():
         methods += [(name, EAGER, folder), (name, COMPILED, folder)]
+        if graphs:
+            methods.append((name, GRAPHS, folder))
     if device == "cpu":
         methods += [(name, ONNX, file) for name, file in exported.items()]
-    methods += [(PAPER_SIZED, EAGER, ""), (POSE34, EAGER, "")]
+    methods.append((PAPER_SIZED, EAGER, ""))
+    if graphs:
+        methods.append((PAPER_SIZED, GRAPHS, ""))
+    methods.append((POSE34, EAGER, ""))
     if yolo.installed():
         methods.append((YOLO, LIBRARY, ""))
+        if device == "cpu" and exported:
+            methods += [(name, ONNX, "") for name in YOLO_IN_ONNX]
     return methods
 
 

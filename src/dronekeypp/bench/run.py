@@ -19,7 +19,7 @@ from tqdm import tqdm
 from dronekeypp import __version__
 from dronekeypp.bench.contender import Contender, contenders, named
 from dronekeypp.bench.rendering import rendering_speed
-from dronekeypp.bench.rows import detector_of, row_of, table
+from dronekeypp.bench.rows import detector_of, detectors_beside, row_of, table
 from dronekeypp.bench.stages import Facts
 from dronekeypp.bench.worker import Round, prepare, run
 from dronekeypp.errors import InputError
@@ -52,9 +52,10 @@ def bench(
     Returns:
         {"name", "hardware", "rounds", "seconds", "versions", "rows"}. A row holds name, engine, device,
         batch, threads, frames_per_s (median over the rounds), ratio_to_yolov8n_pose (median of the ratios
-        within a round; None without the detector), peak_mb (of its process; on a GPU of PyTorch's memory on
-        it), params, flops, stages (ms a frame). With the default contenders there is also "rendering", see
-        `rendering_speed`; None where this machine cannot render.
+        within a round; None without the detector), ratios_in_onnx_runtime (the same against the detectors
+        that ONNX Runtime runs, by their names, for what it runs too), peak_mb (of its process; on a GPU of
+        PyTorch's memory on it), params, flops, stages (ms a frame). With the default contenders there is also
+        "rendering", see `rendering_speed`; None where this machine cannot render.
 
     Raises:
         InputError: a checkpoint cannot be read, the folder of `json_file` does not exist, a number is too
@@ -165,8 +166,10 @@ def _rows(participants: Sequence[_Participant]) -> list[dict[str, Any]]:
     rounds = [participant.rounds for participant in participants]
     rows = []
     for participant in participants:
-        theirs = detector_of(participant.contender, measured, rounds)
-        rows.append(row_of(participant.contender, participant.facts, participant.rounds, theirs))
+        contender = participant.contender
+        theirs = detector_of(contender, measured, rounds)
+        beside = detectors_beside(contender, measured, rounds)
+        rows.append(row_of(contender, participant.facts, participant.rounds, theirs, beside))
     return rows
 
 

@@ -9,8 +9,12 @@ from pathlib import Path
 
 import torch
 
-from dronekeypp.bench.contender import COMPILED, Contender
+from dronekeypp.bench.contender import COMPILED, GRAPHS, Contender
 from dronekeypp.bench.stages import Facts, Frame, Stages, build, pictures
+
+# Calls before the first one that counts. torch.compile makes a CUDA graph in three: it runs the kernels,
+# records them, and replays them from then on.
+WARM_UP_CALLS = 3
 
 # Seconds a frame of each stage and of the "whole", and "peak_mb", the process's peak memory.
 Round = dict[str, float]
@@ -29,20 +33,23 @@ _prepared: list[Prepared] = []  # the one of this process
 
 
 def prepare(contender: Contender, folder: Path) -> Facts | str:
-    """Build the contender of this process and run it once.
+    """Build the contender of this process and run it a few times.
 
     What it has to write goes below `folder`.
 
     Returns:
-        Its facts or, in one line, why it cannot take part: there is no C++ compiler to compile with.
+        Its facts or, in one line, why it cannot take part: there is no C++ compiler to compile with, or no
+        CUDA graph can be made of it.
     """
     torch.set_num_threads(contender.threads)
-    facts, stages = build(contender, folder / f"yolo-{contender.device}-{contender.batch}")
+    words = f"{contender.name} {contender.engine} {contender.device} {contender.batch}"
+    facts, stages = build(contender, folder / "".join(c if c.isalnum() else "-" for c in words))
     _prepared[:] = [Prepared(contender, stages, pictures(contender.batch))]
     try:
-        run(0.0)
+        for _ in range(WARM_UP_CALLS):
+            run(0.0)
     except Exception as error:
-        if contender.engine != COMPILED:
+        if contender.engine not in (COMPILED, GRAPHS):
             raise
         lines = str(error).strip().splitlines() or [""]
         return f"torch.compile failed ({type(error).__name__}: {lines[0][:100]})"

@@ -71,9 +71,11 @@ def inverse(M: Tensor) -> Tensor:
 
     Its columns are the cross products of the rows, divided by the determinant.
     """
-    rows, following = M, M[:, [1, 2, 0]]
-    crosses = torch.linalg.cross(following, M[:, [2, 0, 1]])  # row i: rows i+1 and i+2
-    return crosses.transpose(1, 2) / (rows[:, :1] * crosses[:, :1]).sum(dim=2, keepdim=True)
+    # Slices, not lists of row numbers: those would be copied from the CPU, which a CUDA graph cannot hold.
+    following = torch.cat([M[:, 1:], M[:, :1]], dim=1)  # row i: row i+1
+    last = torch.cat([M[:, 2:], M[:, :2]], dim=1)  # row i: row i+2
+    crosses = torch.linalg.cross(following, last)
+    return crosses.transpose(1, 2) / (M[:, :1] * crosses[:, :1]).sum(dim=2, keepdim=True)
 
 
 class Problem:

@@ -18,6 +18,7 @@ from dronekeypp.reproduce.domains import Domains
 from dronekeypp.reproduce.figure6 import Figure6
 from dronekeypp.reproduce.priors import Priors
 from dronekeypp.reproduce.protocol import Table
+from dronekeypp.reproduce.rates import Rates
 from dronekeypp.reproduce.results import read_result
 from dronekeypp.reproduce.runner import Bench
 from dronekeypp.reproduce.table3 import Table3
@@ -29,7 +30,7 @@ ABLATION_BUDGETS: dict[str, dict[str, Any]] = {"cpu": {"epochs": 10, "frames": 1
 
 # Every table but the ablations. These, yours too, are looked up when they are asked for.
 TABLES: dict[str, type[Table]] = {
-    table.name: table for table in (Table3, Priors, Domains, Beyond, Figure6, Claims)
+    table.name: table for table in (Table3, Rates, Priors, Domains, Beyond, Figure6, Claims)
 }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -14,6 +15,7 @@ from dronekeypp.model import DroneKeyPP
 from dronekeypp.reproduce import comparisons, without_flights
 from dronekeypp.reproduce.comparisons import closing_lines, difference_text
 from dronekeypp.reproduce.flights import Name, has_flights
+from dronekeypp.reproduce.headings import Pair, gain_lines
 from dronekeypp.reproduce.results import PAPER
 from dronekeypp.reproduce.tables import (
     PRINTED,
@@ -63,11 +65,13 @@ def mean_and_spread(recorded: dict[str, Any], variant: str, key: str, digits: in
 # --- the table --------------------------------------------------------------------------------------------
 
 
-def markdown(recorded: dict[str, Any], title: str) -> str:
-    """Return the ablation's tables as Markdown.
+def markdown(recorded: dict[str, Any], title: str, gains: Sequence[Pair] = ()) -> str:
+    """Return the ablation's tables as Markdown, as `ablations.markdown` does.
 
-    The first table is the paper's with ours beside it. The second compares every row with the reference. The
-    third shows the decoders on true keypoints.
+    Args:
+        recorded: the result.
+        title: the question that the ablation asks.
+        gains: pairs of rows, the first of whose gain over the second is split by heading.
     """
     minutes = [run["minutes"] for run in recorded["runs"]]
     with_spread = any(run["seed"] for run in recorded["runs"])
@@ -97,7 +101,8 @@ def markdown(recorded: dict[str, Any], title: str) -> str:
         shown.append(number(row["keypoint_px"], 1))
         lines.append(line([variant, *shown]))
     against, verdicts = against_the_reference(recorded)
-    lines += against + given_true_keypoints(recorded) + closing_lines(recorded, verdicts)
+    lines += against + given_true_keypoints(recorded) + gain_lines(recorded, gains)
+    lines += closing_lines(recorded, verdicts)
     return "\n".join(lines) + "\n"
 
 

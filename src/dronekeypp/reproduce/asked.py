@@ -54,7 +54,12 @@ def digests(recorded: dict[str, Any]) -> list[str]:
 
 
 def known_answers(recorded: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return every answer that a result knows, its own included, each training once."""
+    """Return every answer that a result knows, its own included, each training once.
+
+    A result without averages never asked the test scenes.
+    """
+    if "averages" not in recorded:
+        return []
     answers = list(recorded.get("earlier", []))
     for run in recorded.get("runs", []):
         answers += run.get("earlier", [])

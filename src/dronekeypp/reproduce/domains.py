@@ -15,11 +15,12 @@ from dronekeypp.errors import InputError
 from dronekeypp.reproduce.comparisons import closing_lines
 from dronekeypp.reproduce.protocol import SPLITS, Job, Part, Table, add_entries
 from dronekeypp.reproduce.results import describe, measurements
-from dronekeypp.reproduce.runner import Bench, Run
+from dronekeypp.reproduce.runner import Bench
+from dronekeypp.reproduce.table3 import PAPERS
 from dronekeypp.reproduce.tables import average, interval, line, methods, percent
 
 DOMAINS = ("drawn", "photographs")
-RUN = Run("DroneKey++")  # the one of Table 3: trained before drawn environments it is the same run
+RUN = PAPERS  # the one of Table 3: trained before drawn environments it is the same run
 LEAST = 6  # photographs: with fewer, the splits would share them
 
 

@@ -178,7 +178,7 @@ class Table:
                 joined[key] += part.get(key, [])
         runs = []
         for part in parts:
-            variants = list(dict.fromkeys(row["variant"] for row in part["rows"]))
+            variants = list(dict.fromkeys(row["variant"] for row in part.get("rows", [])))
             runs.append({**part["run"], "rows": variants})
         recorded = assemble(self.name, bench, runs, **self.details(bench), **joined)
         recorded = with_earlier(recorded, result_path(bench.root, self.name))
