@@ -18,9 +18,10 @@ from scipy.spatial.transform import Rotation
 
 from dronekeypp import checkpoint, rotations
 from dronekeypp.baselines import yolo
+from dronekeypp.cli import main
 from dronekeypp.data import open_dataset
 from dronekeypp.errors import InputError
-from dronekeypp.evaluate import evaluate, measure
+from dronekeypp.evaluate import bop_errors, evaluate, measure
 from dronekeypp.files import read_json
 from dronekeypp.model import loss_terms
 from dronekeypp.presets import preset as find_preset
@@ -33,13 +34,16 @@ from dronekeypp.reproduce import (
     rates,
     read_result,
     reproduce,
+    reproduce_all,
     table3,
     tables,
 )
+from dronekeypp.reproduce.comparisons import difference
 from dronekeypp.reproduce.results import PAPER, read_npz, source_digest, write_npz
 from dronekeypp.reproduce.runner import Bench, Run
-from dronekeypp.reproduce.table3_measures import measure_yolo
-from dronekeypp.sixdronesyn.drones import DRONES
+from dronekeypp.reproduce.table3_measures import measure_yolo, yolo_record
+from dronekeypp.sixdronesyn.drones import DRONES, EDITION
+from dronekeypp.sixdronesyn.object_shapes import read_shapes
 
 BUDGET = {
     **tiny(layers=1),
@@ -59,7 +63,7 @@ def command(root, data, *more):
     It runs in a process of its own: what other tests leave behind may change the last bit of a training.
     """
     line = [sys.executable, "-m", "dronekeypp", "reproduce", "table3"]
-    line += ["--root", str(root), "--data", str(data), "--stride", str(STRIDE), *more]
+    line += ["--root", str(root), "--data", str(data), "--stride", str(STRIDE), "--seeds", "1", *more]
     for key, value in BUDGET.items():
         line += ["--set", f"{key}={'none' if value is None else value}"]
     return line
@@ -112,6 +116,8 @@ def test_the_result_is_recorded_with_what_made_it(finished):
         ("DronePose", None),
         ("DronePose", "told the crop"),
     ]
+    assert recorded["dataset"]["edition"] == EDITION
+    assert all(len(run["weights"]) == 16 and run["backbone"] is None for run in recorded["runs"])
     rows = rows_of(recorded, None)
     assert len(rows) == 14 and {row["scene"] for row in rows} == {6, 7}
     assert sum(row["frames"] for row in rows) == 42
@@ -124,6 +130,44 @@ def test_the_result_is_recorded_with_what_made_it(finished):
     assert low < row["R_mae_deg"] < high
     matrix = next(c for c in recorded["confusion"] if c["method"] == "DroneKey++")["true_by_predicted"]
     assert np.array(matrix).sum() == 42
+
+
+def test_validation_stands_beside_test_flight_by_flight(finished):
+    root, _, recorded = finished
+    rows = rows_of(recorded, None, "validation")
+    assert [(row["scene"], row["drone"]) for row in rows] == tables.columns(recorded, "val")
+    assert {row["scene"] for row in rows} == {3, 9, 13} and sum(row["frames"] for row in rows) == 105
+    for split, flights in (("test", 42), ("val", 63)):
+        [entry] = [entry for entry in rows_of(recorded, None, "flights") if entry["split"] == split]
+        assert {len(values) for values in entry.values() if isinstance(values, list)} == {flights}
+        for key in ("R_mae_deg", "t_axis_mae_m", "class_accuracy"):
+            # Every column has three flights of one length.
+            column_mean = tables.cells(recorded, "DroneKey++", None, key, split)[-1]
+            assert np.mean(entry[key]) == pytest.approx(column_mean, rel=1e-4)
+    row = tables.average(recorded, "DroneKey++", None)
+    for key in ("R_mae_deg", "R_medae_deg_of_flights", "t_axis_mae_m"):
+        low, high = row[f"{key}_ci95"]
+        assert low < row[key] < high
+    assert "R_medae_deg_ci95" not in row  # no interval of another statistic
+    text = (root / "figures" / "table3.md").read_text()
+    assert "## Differences to DroneKey++" in text and "better?" in text  # one seed
+    verdicts = len(tables.PRINTED) * (len(tables.methods(recorded)) - 1)
+    assert f"This page holds {verdicts} verdicts" in text
+
+
+def test_the_field_s_measures_stand_in_table_3(finished):
+    root, data, recorded = finished
+    model = checkpoint.load(root / "runs" / "table3-cpu" / "dronekeypp" / "seed0")
+    dataset = open_dataset(data, "test", size=model.config.image_size)
+    shapes, _ = read_shapes(data, {frame.annotation.obj_id for frame in dataset.stored})
+    errors = bop_errors(evaluate(model, dataset), dataset, shapes)
+    row = over_frames(recorded)
+    assert row["mspd_recall"] == pytest.approx(errors["mspd_recall"].mean(), rel=1e-5)
+    assert row["add_recall"] == pytest.approx((errors["add_recall"]).mean(), abs=1e-6)
+    assert row["mssd_mean_m"] == pytest.approx(errors["mssd_m"].mean(), rel=1e-5)
+    mean = tables.average(recorded, "DroneKey++", None)["mspd_recall"]
+    text = (root / "figures" / "table3.md").read_text().partition("## The field's measures")[2]
+    assert f"{100 * mean:.1f} % |" in next(line for line in text.splitlines() if "| DroneKey++ |" in line)
 
 
 def test_the_table_is_the_papers(finished):
@@ -254,13 +298,13 @@ def test_yolo_is_measured_in_batches(finished, tmp_path, monkeypatch):
     monkeypatch.setattr("dronekeypp.reproduce.table3_measures.BATCH", 16)
     bench = Bench(tmp_path, "cpu", BUDGET, "table3-cpu", data, stride=STRIDE, progress=False)
     run = table3.YOLO_RUN
-    frames_of, record = measure_yolo(bench, run, 0)
+    frames_of, record = measure_yolo(bench, run, 0), yolo_record(bench, run, 0)
     assert detector.sizes == [16, 16, 10] and list(frames_of) == [None, "upright"]
     assert record["epochs"] == 2 and record["minutes"] == 0.2
     for frames in frames_of.values():
         assert frames["failed"].tolist() == [True] + 41 * [False] and frames["predicted"][0] == -1
         assert np.nanmax(frames["keypoint_crop_px"]) == 0 and np.median(frames["t_m"]) < 0.01
-    assert measure_yolo(bench, run, 0)[0].keys() == frames_of.keys()
+    assert measure_yolo(bench, run, 0).keys() == frames_of.keys()
     assert detector.sizes == [16, 16, 10]  # what was measured is read
 
 
@@ -404,11 +448,44 @@ def test_a_verdict_needs_an_interval_without_zero_and_seeds_that_agree(ablated):
     assert verdict(2.0, (-0.1, 3.0), [[2.0] * 3] * 3) == "not told apart"
     assert verdict(2.0, (1.0, 3.0), [[4.0, 4.0, -2.0]] * 3) == "not told apart"
     _, recorded = ablated
-    difference = ablations.difference(recorded, "(1) only MLP_pose", "t_mae_m")
-    only_pose = tables.cells(recorded, "DroneKey++", "(1) only MLP_pose", "t_mae_m")[-1]
-    full = tables.cells(recorded, "DroneKey++", "(4) full decoder", "t_mae_m")[-1]
-    assert difference.mean == pytest.approx(only_pose - full)
-    assert difference.mean == pytest.approx(np.mean(difference.seeds))
+    only_pose, full = ("DroneKey++", "(1) only MLP_pose"), ("DroneKey++", "(4) full decoder")
+    for split in ("val", "test"):
+        difference = ablations.difference(recorded, "(1) only MLP_pose", "t_mae_m", split)
+        apart = tables.cells(recorded, *only_pose, "t_mae_m", split)[-1]
+        apart -= tables.cells(recorded, *full, "t_mae_m", split)[-1]
+        assert difference.mean == pytest.approx(apart, abs=1e-4)  # flights have five digits
+        assert difference.mean == pytest.approx(np.mean(difference.seeds))
+        assert difference.interval[0] < difference.mean < difference.interval[1]
+    # The verdict is that of the validation scenes.
+    on_val = ablations.difference(recorded, "(1) only MLP_pose", "t_mae_m")
+    on_test = ablations.difference(recorded, "(1) only MLP_pose", "t_mae_m", "test")
+    text = ablations.markdown(recorded)
+    low, high = on_val.interval
+    assert f"{on_val.mean:+.3f} [{low:+.3f}, {high:+.3f}] {on_val.verdict}; test {on_test.mean:+.3f}" in text
+    assert "This page holds 15 verdicts at 95 %" in text and "here 1, would still be told apart" in text
+
+
+def test_what_is_asked_again_of_other_weights_is_said(ablated, finished, tmp_path):
+    root = shutil.copytree(ablated[0], tmp_path / "again")
+    runs = root / "runs" / "ablations-cpu" / "dronekeypp"
+    other = runs / "seed1" / "best" / "model.safetensors"
+    shutil.copy(other, runs / "seed0" / "best" / "model.safetensors")  # as if it had been trained again
+    where = dict(root=root, data=finished[1], stride=STRIDE, progress=False)
+    first = ablated[1]
+    for _ in range(2):  # once more, from the same weights, nothing is lost and nothing added
+        recorded = reproduce("table5", overrides={**BUDGET, "epochs": 1}, seeds=1, **where)
+        [run] = [run for run in recorded["runs"] if run.get("earlier")]
+        before = next(old for old in first["runs"] if (old["variant"], old["seed"]) == (run["variant"], 0))
+        assert run["variant"] == "(4) full decoder" and run["weights"] != before["weights"]
+        [earlier] = run["earlier"]
+        assert earlier["weights"] == before["weights"]
+        value = tables.by_seed(first, "DroneKey++", "(4) full decoder", "R_mae_deg")[0]
+        [row] = earlier["averages"]
+        assert row["R_mae_deg"] == pytest.approx(value, rel=1e-4)
+        assert len(recorded["earlier"]) == 8  # seeds 1 and 2, which this call did not ask for
+        text = (root / "figures" / "table5.md").read_text()
+        assert "## Asked more than once" in text and f"({value:.2f}) |" in text
+    assert "Asked more than once" not in ablations.markdown(first)
 
 
 def test_an_ablation_of_ones_own_is_found_by_name(ablated, finished, monkeypatch):
@@ -456,6 +533,10 @@ def test_priors(finished, tmp_path):
     assert part["data"]["train_frames"] * 7 == whole["data"]["train_frames"] * 6
     rows = [row["drone"] for row in recorded["rows"] if row["variant"] == "without Tello"]
     assert rows == ["Tello", "Tello"]  # scenes 6 and 7
+    pooled = priors.pooled(recorded)
+    apart = difference(pooled, ("DroneKey++", priors.LEFT_OUT), ("DroneKey++", None), "t_mae_m")
+    inside, outside = zip(*(priors.left_out(recorded, drone, "t_mae_m") for drone in drones), strict=True)
+    assert apart.mean == pytest.approx(np.mean(outside) - np.mean(inside), abs=1e-4)
     share = next(entry["share"] for entry in recorded["taken_for"] if entry["drone"] == "Tello")
     assert sum(share) == pytest.approx(1)
     ratios = np.array(recorded["told"][0]["distance_ratio"])
@@ -469,13 +550,17 @@ def test_priors(finished, tmp_path):
 
 def test_beyond(finished, tmp_path):
     root, data, table3_recorded = finished
-    recorded = reproduce("beyond", overrides=BUDGET, root=root, data=data, stride=STRIDE, progress=False)
+    where = dict(root=root, data=data, stride=STRIDE, progress=False)
+    recorded = reproduce("beyond", overrides=BUDGET, seeds=1, **where)
     variants = [variant for _, variant in tables.methods(recorded)]
     left_out = [run.variant for run in beyond.WITHOUT.values()]
     no_search = beyond.NO_SEARCH.variant
     assert variants == [None, "geometric", *beyond.PARTS.values(), no_search, *left_out]
     assert rows_of(recorded, None) == rows_of(table3_recorded, None)  # Table 3's own run
-    assert {row["drone"] for row in rows_of(recorded, "geometric without Tello")} == {"Tello"}
+    for part in ("rows", "validation"):
+        assert {row["drone"] for row in rows_of(recorded, "geometric without Tello", part)} == {"Tello"}
+    for row in recorded["rows"]:
+        assert 0 <= row["mssd_recall"] <= 1 and row["mssd_mean_m"] > 0
     for row in recorded["doubt"]:
         for name in beyond.HALVES:
             shares = row["coverage"][name]
@@ -497,7 +582,8 @@ def test_beyond(finished, tmp_path):
     assert [row["variant"] for row in recorded["doubt"]] == ["geometric", no_search, *left_out]
     text = (root / "figures" / "beyond.md").read_text()
     assert text == beyond.markdown(recorded) and text.count("geometric without") == 4
-    assert (no_search in tables.title("", no_search)) and text.count(no_search) == 2
+    assert "## Differences to the paper’s network" in text and "## The field's measures" in text
+    assert text.count(no_search) == 4  # rows, differences, the field's measures, covariance
     for name in ("beyond.png", "beyond_doubt.png"):
         assert (root / "figures" / name).stat().st_size > 10_000
 
@@ -637,7 +723,9 @@ def test_an_ablation_may_split_a_gain_by_heading(ablated, finished, monkeypatch)
     where = dict(root=root, data=finished[1], stride=STRIDE, progress=False)
     recorded = reproduce("mine", overrides=budget, **where)
     assert len(recorded["by_heading"]) == 2 * 2 * 2  # rows, splits and parts
-    assert "| DroneKey++ (no class) over DroneKey++ (full) |" in ablations.markdown(recorded)
+    text = ablations.markdown(recorded)
+    gain = text.index("| DroneKey++ (no class) over DroneKey++ (full) |")
+    assert gain < text.index("This page holds 5 verdicts at 95 %.")  # the page's last sentence
 
 
 def test_a_mirror_that_says_the_same_changes_nothing():
@@ -765,9 +853,32 @@ def test_bad_calls_are_one_clear_error(finished, tmp_path):
     ]:
         with pytest.raises(InputError, match=match):
             reproduce(**arguments, progress=False)
+    trained = files_written(root, "last.safetensors")
+    with pytest.raises(InputError, match="reproduce table9: choose"):
+        reproduce_all(["table3", "table9"], **where, progress=False)
+    assert files_written(root, "last.safetensors") == trained
     message = "table4.json not found: make it with `python -m dronekeypp reproduce table4`"
     with pytest.raises(InputError, match=message):
         read_result("table4", tmp_path)
+
+
+def test_data_of_another_edition_are_refused(tmp_path):
+    manifest = {"settings": {"edition": 3 - EDITION}, "frames": {}}
+    (tmp_path / "manifest.json").write_text(json.dumps(manifest))
+    bench = Bench(tmp_path, "cpu", {}, "none", tmp_path, progress=False)
+    message = (
+        f"is of edition {3 - EDITION}, and results are recorded on edition {EDITION}; set --data to another"
+    )
+    with pytest.raises(InputError, match=message):
+        bench.render()
+
+
+def test_several_tables_are_made_one_after_the_other(monkeypatch):
+    asked = []
+    monkeypatch.setattr("dronekeypp.reproduce.reproduce", lambda name, **more: asked.append((name, more)))
+    main(["reproduce", "table4", "beyond", "--seeds", "2"])
+    assert [name for name, _ in asked] == ["table4", "beyond"]
+    assert all(more["seeds"] == 2 for _, more in asked)
 
 
 def test_a_finished_data_set_needs_no_renderer(finished):

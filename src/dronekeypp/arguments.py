@@ -184,14 +184,17 @@ def bench(p: ArgumentParser) -> None:
 
 
 def reproduce(p: ArgumentParser) -> None:
-    name = "table3 to table6, rates, heads, rays, degraded, priors, figure6, domains, beyond, claims"
-    seeds = "trainings a row (default: 1 or, of an ablation, what its entry says, mostly 3)"
+    name = (
+        "table3 to table6, rates, heads, rays, degraded, priors, figure6, domains, beyond, claims; "
+        "several are made one after the other"
+    )
+    seeds = "trainings a row (default: the table's own number, mostly 3)"
     data = "default: data/6dronesyn; rendered if it is not there"
     stride = "of the rendering: keep every N-th frame of each flight"
     photographs = "domains, figure6: photographed panoramas to set against the drawn ones"
     real = "figure6 only: real drone frames with boxes.csv (default: the recorded features)"
     root = "where runs/, figures/ and data_samples/results/ lie"
-    p.add_argument("name", metavar="NAME", help=name)
+    p.add_argument("names", metavar="NAME", nargs="+", help=name)
     p.add_argument("--preset", default="cpu", help="cpu (default) or paper")
     p.add_argument("--seeds", type=int, metavar="N", help=seeds)
     p.add_argument("--set", action="append", metavar="key=value", help="change one setting of every run")

@@ -148,10 +148,10 @@ def _bench(args: Namespace) -> None:
 
 def _reproduce(args: Namespace) -> None:
     from dronekeypp.presets import parse_overrides
-    from dronekeypp.reproduce import reproduce
+    from dronekeypp.reproduce import reproduce_all
 
-    reproduce(
-        args.name,
+    reproduce_all(
+        args.names,
         preset=args.preset,
         seeds=args.seeds,
         overrides=parse_overrides(args.set),

@@ -4,8 +4,15 @@ There are the errors of every frame, the paper's and the field's, their summary 
 command `evaluate`.
 """
 
+from dronekeypp.evaluate.bootstrap import (
+    ENOUGH_SEEDS,
+    NOT_TOLD_APART,
+    Difference,
+    compare,
+    interval_of_row,
+)
 from dronekeypp.evaluate.bop_measures import BOP_COLUMNS, BOP_MEASURES, bop_errors
-from dronekeypp.evaluate.command import evaluate_checkpoint
+from dronekeypp.evaluate.command import answers_pose, evaluate_checkpoint
 from dronekeypp.evaluate.errors import FORMAT, MARGIN, PCK, frame_errors
 from dronekeypp.evaluate.run import (
     apply_model,
@@ -16,9 +23,11 @@ from dronekeypp.evaluate.run import (
     to_device,
 )
 from dronekeypp.evaluate.statistics import (
+    FLIGHT_MEASURES,
     INTERVALS,
     MEASURES,
     averages,
+    flight_errors,
     format_table,
     interval_of_mean,
     json_values,
@@ -29,21 +38,29 @@ from dronekeypp.evaluate.statistics import (
 __all__ = [
     "BOP_COLUMNS",
     "BOP_MEASURES",
+    "ENOUGH_SEEDS",
+    "FLIGHT_MEASURES",
     "FORMAT",
     "INTERVALS",
     "MARGIN",
     "MEASURES",
+    "NOT_TOLD_APART",
     "PCK",
+    "Difference",
+    "answers_pose",
     "apply_model",
     "averages",
     "batches_of",
     "bop_errors",
+    "compare",
     "constant_baseline",
     "evaluate",
     "evaluate_checkpoint",
+    "flight_errors",
     "format_table",
     "frame_errors",
     "interval_of_mean",
+    "interval_of_row",
     "json_values",
     "measure",
     "share_drones",

@@ -28,6 +28,8 @@ MEASURES: Measures = {
     "failed": ("failed", np.mean),
 }
 INTERVALS = ("R_mae_deg", "R_medae_deg", "t_mae_m", "t_medae_m", "class_accuracy")
+# What is kept of every flight: a mean or a median over its frames. Intervals are made from them.
+FLIGHT_MEASURES = (*INTERVALS[:4], "t_axis_mae_m", "class_accuracy")
 
 
 def measure(
@@ -69,25 +71,51 @@ def averages(frames: Frames, draws: int = 1000, measures: Measures = MEASURES, *
     The row "rows" is the mean of the rows of `summarise`, as a table's last column is. The row "frames" is
     taken over all frames.
 
-    Both carry 95 % bootstrap intervals, KEY_ci95: [low, high]. Frames of a flight resemble each other, so
-    single frames are never drawn. The first row draws the rows, the second whole subsequences (scene, drone,
-    subsequence). Such an interval is wider than one over frames, and right.
+    The second carries 95 % bootstrap intervals, KEY_ci95: [low, high]. Frames of a flight resemble each
+    other, so single frames are never drawn, but whole subsequences (scene, drone, subsequence). Such an
+    interval is wider than one over frames, and right.
     """
     numbered = [str(i) for i in range(int(frames["label"].max()) + 1)]
     rows = summarise(frames, numbered, measures)
-    by_rows: dict[str, Any] = {}
-    row_intervals = {}
-    for name in measures:
-        column = [row[name] for row in rows]
-        by_rows[name] = float(np.mean(column))
-        if np.isfinite(column).all():
-            row_intervals[f"{name}_ci95"] = interval_of_mean(column, draws)
+    by_rows = {name: float(np.mean([row[name] for row in rows])) for name in measures}
     counts = {"rows": len(rows), "frames": len(frames["label"])}
     over_flights = flight_intervals(frames, draws)
     return [
-        {**labels, "over": "rows", **counts, **by_rows, **row_intervals},
+        {**labels, "over": "rows", **counts, **by_rows},
         {**labels, "over": "frames", **counts, **measure(frames, measures=measures), **over_flights},
     ]
+
+
+def flights_of(frames: Frames) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Return (scene, label, subsequence) of every flight (n, 3), and the indices of its frames."""
+    keys = np.stack([frames["scene"], frames["label"], frames["subsequence"]], axis=1)
+    flights, group = np.unique(keys, axis=0, return_inverse=True)
+    group = group.ravel()
+    return flights, [np.flatnonzero(group == g) for g in range(len(flights))]
+
+
+def flight_errors(frames: Frames, names: Sequence[str]) -> dict[str, list]:
+    """Return FLIGHT_MEASURES of every flight, as lists of one length.
+
+    Lists "scene", "drone", "subsequence" and "frames" (their number) say which flight it is. Numbers have
+    five digits, so that many trainings stay small; a measure that was not predicted is None.
+
+    Args:
+        frames: the arrays of `evaluate`.
+        names: the drones in class order.
+    """
+    flights, members = flights_of(frames)
+    errors: dict[str, list] = {
+        "scene": flights[:, 0].tolist(),
+        "drone": [names[label] for label in flights[:, 1]],
+        "subsequence": flights[:, 2].tolist(),
+        "frames": [len(chosen) for chosen in members],
+    }
+    for name in FLIGHT_MEASURES:
+        array, reduce = MEASURES[name]
+        values = [float(reduce(frames[array][chosen])) for chosen in members]
+        errors[name] = [None if np.isnan(value) else float(f"{value:.5g}") for value in values]
+    return errors
 
 
 def flight_intervals(frames: Frames, draws: int) -> dict[str, list[float]]:
@@ -95,10 +123,7 @@ def flight_intervals(frames: Frames, draws: int) -> dict[str, list[float]]:
 
     They are {KEY_ci95: [low, high]}.
     """
-    keys = np.stack([frames["scene"], frames["label"], frames["subsequence"]], axis=1)
-    _, group = np.unique(keys, axis=0, return_inverse=True)
-    group = group.ravel()
-    members = [np.flatnonzero(group == g) for g in range(group.max() + 1)]
+    _, members = flights_of(frames)
     generator = np.random.default_rng(0)
     drawn: dict[str, list[float]] = {name: [] for name in INTERVALS}
     for _ in range(draws):

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,27 @@ def names() -> list[str]:
     return [*TABLES, *ABLATIONS]
 
 
+def check_names(asked: Sequence[str]) -> None:
+    """Raise InputError, naming what there is, if one of these names is no table."""
+    for name in asked:
+        if name not in names():
+            raise InputError(f"reproduce {name}: choose {', '.join(names())}")
+
+
+def reproduce_all(asked: Sequence[str], **settings: Any) -> list[dict[str, Any]]:
+    """Measure several tables one after the other, and return their results.
+
+    Args:
+        asked: their names. All are checked before the first is measured.
+        settings: the other arguments of `reproduce`.
+
+    Raises:
+        InputError: A name is unknown, or `reproduce` raises it.
+    """
+    check_names(asked)
+    return [reproduce(name, **settings) for name in asked]
+
+
 def reproduce(
     name: str,
     preset: str = "cpu",
@@ -58,7 +80,7 @@ def reproduce(
     Args:
         name: one of `names()`.
         preset: the preset that every training starts from.
-        seeds: trainings a row, with seeds 0, 1, …; None takes 1, or what the ablation's entry says.
+        seeds: trainings a row, with seeds 0, 1, …; None takes the table's own number, mostly 3.
         overrides: settings for every run, on top of the preset's budget (`BUDGETS`, `ABLATION_BUDGETS`).
         data: the data set (default ROOT/data/6dronesyn). Flights that are missing are rendered.
         root: the folder below which runs/, figures/ and data_samples/results/ lie. Choose another one to try
@@ -79,8 +101,7 @@ def reproduce(
         InputError: The name or the preset is unknown, no method uses one of the settings, the settings differ
             from those that an unfinished run was started with, or there is no OpenGL.
     """
-    if name not in names():
-        raise InputError(f"reproduce {name}: choose {', '.join(names())}")
+    check_names([name])
     if preset not in BUDGETS:
         raise InputError(f"unknown preset {preset!r}; known: {', '.join(BUDGETS)}")
     if seeds is not None and seeds < 1:
@@ -114,4 +135,4 @@ def reproduce(
     return table.reproduce(bench, seeds)
 
 
-__all__ = ["ABLATION_BUDGETS", "BUDGETS", "Bench", "names", "read_result", "reproduce"]
+__all__ = ["ABLATION_BUDGETS", "BUDGETS", "Bench", "names", "read_result", "reproduce", "reproduce_all"]

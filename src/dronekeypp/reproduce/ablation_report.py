@@ -1,27 +1,26 @@
-"""Show an ablation as a table in words and numbers, and as a figure.
-
-The module also says when a row may be called better than another.
-"""
+"""Show an ablation as a table in words and numbers, and as a figure."""
 
 from __future__ import annotations
 
 import csv
 import io
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 
-from dronekeypp.evaluate import interval_of_mean
+from dronekeypp.evaluate import Difference
 from dronekeypp.model import DroneKeyPP
+from dronekeypp.reproduce import comparisons, without_flights
+from dronekeypp.reproduce.comparisons import closing_lines, difference_text
+from dronekeypp.reproduce.flights import Name, has_flights
+from dronekeypp.reproduce.headings import Pair, gain_lines
 from dronekeypp.reproduce.results import PAPER
 from dronekeypp.reproduce.tables import (
     PRINTED,
-    Name,
     average,
     by_seed,
-    cells,
     columns,
     heading,
     line,
@@ -45,57 +44,10 @@ def paper_value(name: str, variant: str | None, key: str) -> float | None:
 # --- one row against another ------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Difference:
-    """Describe a row's measure minus the reference's.
-
-    Args:
-        mean: the mean over the sequences, with the seeds averaged.
-        interval: its 95 % interval over the sequences.
-        seeds: (n, m), every seed of the row (first axis) against every seed of the reference.
-    """
-
-    mean: float
-    interval: tuple[float, float]
-    seeds: np.ndarray
-
-    @property
-    def verdict(self) -> str:
-        """Say "better" or "worse" only if the interval leaves out 0 and all seeds lie on one side of 0.
-
-        With fewer than three seeds in either row a question mark stays. All our measures are errors, so less
-        is better.
-        """
-        if self.interval[0] <= 0 <= self.interval[1] or len(np.unique(np.sign(self.seeds))) > 1:
-            return "not told apart"
-        word = "better" if self.mean < 0 else "worse"
-        return word if min(self.seeds.shape) >= 3 else f"{word}?"
-
-
-def difference(recorded: dict[str, Any], variant: str, key: str) -> Difference | None:
-    """Compare a row with the reference, sequence by sequence; return None if either was not measured."""
-    reference = recorded["reference"]
-    ours = cells(recorded, METHOD, variant, key)[:-1]
-    theirs = cells(recorded, METHOD, reference, key)[:-1]
-    apart = np.subtract(ours, theirs)
-    if not np.isfinite(apart).all():
-        return None
-    low, high = interval_of_mean(apart)
-    our_seeds = np.array(by_seed(recorded, METHOD, variant, key))
-    their_seeds = np.array(by_seed(recorded, METHOD, reference, key))
-    return Difference(float(apart.mean()), (low, high), np.subtract.outer(our_seeds, their_seeds))
-
-
-def difference_text(recorded: dict[str, Any], variant: str, key: str, digits: int) -> str:
-    """Write a difference as "-1.23 [-2.34, -0.12] better".
-
-    A dash stands where either of the two was not measured.
-    """
-    apart = difference(recorded, variant, key)
-    if apart is None:
-        return "–"
-    low, high = apart.interval
-    return f"{apart.mean:+.{digits}f} [{low:+.{digits}f}, {high:+.{digits}f}] {apart.verdict}"
+def difference(recorded: dict[str, Any], variant: str, key: str, split: str = "val") -> Difference | None:
+    """Compare a row with the reference, on the validation scenes; see `comparisons.difference`."""
+    names = (METHOD, variant), (METHOD, recorded["reference"])
+    return comparisons.difference(recorded, *names, key, split)
 
 
 def mean_and_spread(recorded: dict[str, Any], variant: str, key: str, digits: int) -> str:
@@ -113,11 +65,13 @@ def mean_and_spread(recorded: dict[str, Any], variant: str, key: str, digits: in
 # --- the table --------------------------------------------------------------------------------------------
 
 
-def markdown(recorded: dict[str, Any], title: str) -> str:
-    """Return the ablation's tables as Markdown.
+def markdown(recorded: dict[str, Any], title: str, gains: Sequence[Pair] = ()) -> str:
+    """Return the ablation's tables as Markdown, as `ablations.markdown` does.
 
-    The first table is the paper's with ours beside it. The second compares every row with the reference. The
-    third shows the decoders on true keypoints.
+    Args:
+        recorded: the result.
+        title: the question that the ablation asks.
+        gains: pairs of rows, the first of whose gain over the second is split by heading.
     """
     minutes = [run["minutes"] for run in recorded["runs"]]
     with_spread = any(run["seed"] for run in recorded["runs"])
@@ -146,32 +100,50 @@ def markdown(recorded: dict[str, Any], title: str) -> str:
         shown.append(percent(row["class_accuracy"]))
         shown.append(number(row["keypoint_px"], 1))
         lines.append(line([variant, *shown]))
-    lines += against_the_reference(recorded) + given_true_keypoints(recorded)
+    against, verdicts = against_the_reference(recorded)
+    lines += against + given_true_keypoints(recorded) + gain_lines(recorded, gains)
+    lines += closing_lines(recorded, verdicts)
     return "\n".join(lines) + "\n"
 
 
-def against_the_reference(recorded: dict[str, Any]) -> list[str]:
-    """Return the lines of the second table, or none while the reference was not measured."""
+def against_the_reference(recorded: dict[str, Any]) -> tuple[list[str], int]:
+    """Return the lines of the second table and the number of its verdicts.
+
+    There are none while the reference was not measured.
+    """
     reference = recorded["reference"]
     variants = [variant for _, variant in methods(recorded)]
     if reference not in variants:
-        return []
+        return [], 0
+    note = without_flights.NOTE
+    if has_flights(recorded):
+        note = (
+            f"Validation scenes, where choices are made: a row less the reference, {comparisons.OF_FLIGHTS}. "
+            "Beside it the same difference on the test scenes, without a word."
+        )
     lines = [
         "",
         f"## Against “{reference}”",
         "",
-        "Difference of the errors, seeds averaged, with its 95 % interval over the sequences. *Better* or "
-        "*worse*: the interval leaves out 0 and every seed is on the same side of every seed of the "
-        "reference; with fewer than three a question mark stays.",
+        note,
         "",
         "| | " + " | ".join(TITLES) + " |",
         "|---|" + "---|" * len(PRINTED),
     ]
+    verdicts = 0
     for variant in variants:
         if variant != reference:
-            shown = [difference_text(recorded, variant, key, digits) for _, key, _, digits in PRINTED]
+            shown = []
+            for _, key, _, digits in PRINTED:
+                apart = difference(recorded, variant, key)
+                verdicts += apart is not None
+                text = difference_text(apart, digits)
+                if has_flights(recorded):
+                    on_test = difference(recorded, variant, key, "test")
+                    text += f"; test {difference_text(on_test, digits, with_verdict=False)}"
+                shown.append(text)
             lines.append(line([variant, *shown]))
-    return lines
+    return lines, verdicts
 
 
 def given_true_keypoints(recorded: dict[str, Any]) -> list[str]:

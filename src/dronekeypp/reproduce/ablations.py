@@ -17,7 +17,7 @@ import torch
 
 from dronekeypp.data import read_annotations
 from dronekeypp.errors import InputError
-from dronekeypp.evaluate import frame_errors, json_values, to_device
+from dronekeypp.evaluate import Difference, frame_errors, json_values, to_device
 from dronekeypp.evaluate.statistics import Frames
 from dronekeypp.model import ModelConfig
 from dronekeypp.model.network import decoder_class
@@ -26,16 +26,15 @@ from dronekeypp.presets import preset as find_preset
 from dronekeypp.reproduce import ablation_report
 from dronekeypp.reproduce.ablation_report import (
     METHOD,
-    Difference,
     as_csv,
     difference,
     draw,
     mean_and_spread,
     paper_value,
 )
-from dronekeypp.reproduce.headings import gain_lines, measure_by_heading
-from dronekeypp.reproduce.protocol import Job, Part, Table
-from dronekeypp.reproduce.results import rows_and_averages
+from dronekeypp.reproduce.headings import measure_by_heading
+from dronekeypp.reproduce.protocol import SPLITS, Job, Part, Table, add_entries
+from dronekeypp.reproduce.results import measurements
 from dronekeypp.reproduce.runner import Bench, Run
 
 __all__ = [
@@ -247,7 +246,20 @@ class AblationTable(Table):
         return jobs
 
     def measure(self, job: Job) -> Part:
-        """Measure one row with one seed and return {"run", "rows", "averages"}."""
+        """Measure one row with one seed."""
+        bench, run, seed = job.bench, job.run, job.seed
+        labels = {"method": METHOD, "variant": job.label, "seed": seed}
+        part: Part = {}
+        for split in SPLITS:
+            frames = bench.measure(run, seed, split)[run.variant]
+            add_entries(part, measurements(frames, bench.names, split, **labels))
+        if self.ablation.gains:
+            part["by_heading"] = measure_by_heading(bench, run, seed, job.label)
+        part["run"] = self.training_record(job)
+        return part
+
+    def training_record(self, job: Job) -> dict[str, Any]:
+        """Return the record of a training, with its gate and with what its decoder does on true keypoints."""
         bench, run, seed = job.bench, job.run, job.seed
         frames = bench.measure(run, seed)[run.variant]
         record = {**bench.training_record(run, seed), "variant": job.label}
@@ -260,11 +272,7 @@ class AblationTable(Table):
                 "its own": medians(frames),
                 "true": medians(with_true_keypoints(bench, run, seed, frames)),
             }
-        labels = {"method": METHOD, "variant": job.label, "seed": seed}
-        part: Part = {"run": record, **rows_and_averages(frames, bench.names, **labels)}
-        if self.ablation.gains:
-            part["by_heading"] = measure_by_heading(bench, run, seed, job.label)
-        return part
+        return record
 
     def details(self, bench: Bench) -> dict[str, Any]:
         return {"reference": self.ablation.reference}
@@ -299,8 +307,7 @@ def markdown(recorded: dict[str, Any]) -> str:
     """
     ablation = ABLATIONS[recorded["name"]]
     pairs = [((METHOD, first), (METHOD, second)) for first, second in ablation.gains]
-    lines = gain_lines(recorded, pairs)
-    return ablation_report.markdown(recorded, ablation.title) + "".join(f"{text}\n" for text in lines)
+    return ablation_report.markdown(recorded, ablation.title, pairs)
 
 
 def with_true_keypoints(bench: Bench, run: Run, seed: int, frames: Frames) -> Frames:

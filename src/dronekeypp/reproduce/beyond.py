@@ -2,7 +2,8 @@
 
 The module also says whether the latter's uncertainty can be trusted.
 
-What is asked of the geometric network stands in `beyond_uncertainty.py` and `beyond_flights.py`.
+The trainings stand in `beyond_runs.py`, what is asked of the geometric network in `beyond_uncertainty.py` and
+`beyond_flights.py`, and the page and the figures in `beyond_report.py`.
 """
 
 from __future__ import annotations
@@ -14,16 +15,17 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
-from matplotlib.ticker import LogLocator, NullFormatter
 from torch.utils.data import Subset
 
-from dronekeypp import plots
 from dronekeypp.classes import DroneClass
 from dronekeypp.data import FrameDataset, read_annotations
-from dronekeypp.evaluate import json_values
+from dronekeypp.evaluate import ENOUGH_SEEDS, json_values
+from dronekeypp.evaluate.statistics import Frames
 from dronekeypp.files import write_beside
 from dronekeypp.model import DroneKeyPP
 from dronekeypp.reproduce.beyond_flights import FILTERS, over_flights, sequences
+from dronekeypp.reproduce.beyond_report import draw, draw_doubt, markdown
+from dronekeypp.reproduce.beyond_runs import GEOMETRIC, METHOD, NO_SEARCH, WITHOUT
 from dronekeypp.reproduce.beyond_uncertainty import (
     HALVES,
     HIDDEN,
@@ -40,23 +42,12 @@ from dronekeypp.reproduce.beyond_uncertainty import (
     occlusion,
     surprise,
 )
+from dronekeypp.reproduce.field import field_errors, measures_of
 from dronekeypp.reproduce.priors import radius
-from dronekeypp.reproduce.protocol import Job, Part, Table
-from dronekeypp.reproduce.results import rows_and_averages
+from dronekeypp.reproduce.protocol import SPLITS, Job, Part, Table, add_entries
+from dronekeypp.reproduce.results import measurements
 from dronekeypp.reproduce.runner import Bench, Run
-from dronekeypp.reproduce.table3 import PAPERS, with_rate
-from dronekeypp.reproduce.tables import (
-    PRINTED,
-    Name,
-    average,
-    heading,
-    interval,
-    line,
-    methods,
-    number,
-    panels,
-    percent,
-)
+from dronekeypp.reproduce.table3 import PAPERS
 from dronekeypp.train import METRICS
 
 __all__ = [
@@ -89,34 +80,21 @@ __all__ = [
     "surprise",
 ]
 
-METHOD = DroneKeyPP.method
-SETTINGS = {"pose": "geometric", "classifier": "features"}
-GEOMETRIC = with_rate(Run(METHOD, "geometric", SETTINGS))
-# Trained without its search, which its direct branch alone is not: that one was trained beside the search.
-NO_SEARCH = Run(METHOD, "geometric, trained without its search", {**GEOMETRIC.changes, "search": False})
-# Each drone left out in turn would be seven trainings. These are the smallest and one whose size others have
-# too, with a quarter of the budget.
-WITHOUT = {
-    name: Run(METHOD, f"geometric without {name}", {**GEOMETRIC.changes, "epochs": 10}, without=name)
-    for name in ("Tello", "Air2")
-}
-LEFT_OUT = [run.variant for run in WITHOUT.values()]
-
 
 class Beyond(Table):
     """Compare both networks, ours without its search, and two that were never shown one of the drones.
 
-    Each has one seed unless another number is given. The calibrated network is written to
-    data_samples/beyond.
+    Each has three seeds unless another number is given; those that were never shown one have one. The
+    calibrated network is written to data_samples/beyond.
     """
 
     name = "beyond"
     full_budget = True
-    lists = ("rows", "averages", "doubt", "occlusion", "shapes", "sequences")
+    lists = (*Table.lists, "doubt", "occlusion", "shapes", "sequences")
 
     def jobs(self, bench: Bench, seeds: int | None) -> list[Job]:
         jobs = []
-        for seed in range(seeds or 1):
+        for seed in range(seeds or ENOUGH_SEEDS):
             jobs += [Job(bench, run, seed) for run in (PAPERS, GEOMETRIC, NO_SEARCH)]
         return jobs + [Job(bench, run, 0) for run in WITHOUT.values()]
 
@@ -127,32 +105,43 @@ class Beyond(Table):
         trusted.
         """
         bench, run, seed = job.bench, job.run, job.seed
-        part: Part = {"rows": [], "averages": []}
         if run == PAPERS:
-            frames_of = bench.measure(run, seed)
+            part: Part = {}
+            for split in SPLITS:
+                add_rows(part, bench, job, split, bench.measure(run, seed, split, field=split == "test"))
         else:
-            bench.train(run, seed)
-            bench.say(f"asking {run.variant} seed {seed}")
-            model, val = load(bench, run, seed)
-            test_set = bench.split("test", run, seed)
-            answered = answers(model, test_set, tuple(PARTS) if run == GEOMETRIC else ())
+            part = self.measure_geometric(job)
+        part["run"] = bench.training_record(run, seed)
+        return part
+
+    def measure_geometric(self, job: Job) -> Part:
+        """Measure a geometric network, its parts and its covariance."""
+        bench, run, seed = job.bench, job.run, job.seed
+        bench.train(run, seed)
+        bench.say(f"asking {run.variant} seed {seed}")
+        model, val = load(bench, run, seed)
+        part: Part = {}
+        for split in SPLITS:
+            dataset = bench.split(split, run, seed, all_drones=True)
+            answered = answers(model, dataset, tuple(PARTS) if run == GEOMETRIC else ())
+            frames_of = {run.variant: answered.whole}
+            for name, frames in answered.parts.items():
+                frames_of[PARTS[name]] = frames
+            if split == "test":
+                for frames in frames_of.values():
+                    frames |= field_errors(frames, dataset)
             chosen = slice(None)
             if run.without:
                 chosen = answered.whole["label"] == bench.names.index(run.without)
-            uncertainty = doubt(answered.error[chosen], answered.covariance[chosen], model)
-            part["doubt"] = [{"variant": run.variant, "seed": seed, **json_values(uncertainty)}]
-            frames_of = {run.variant: {key: value[chosen] for key, value in answered.whole.items()}}
-            for name, frames in answered.parts.items():
-                frames_of[PARTS[name]] = frames
-            if seed == 0 and run == GEOMETRIC:
-                keep_network(bench, model, bench.folder(run, seed) / METRICS)
-                part |= self.details_of(job, model, answered, val, test_set)
-        for variant, frames in frames_of.items():
-            labels = {"method": METHOD, "variant": variant, "seed": seed}
-            measured = rows_and_averages(frames, bench.names, **labels)
-            part["rows"] += measured["rows"]
-            part["averages"] += measured["averages"]
-        part["run"] = bench.training_record(run, seed)
+                for name, frames in frames_of.items():
+                    frames_of[name] = {key: value[chosen] for key, value in frames.items()}
+            add_rows(part, bench, job, split, frames_of)
+            if split == "test":
+                uncertainty = doubt(answered.error[chosen], answered.covariance[chosen], model)
+                part["doubt"] = [{"variant": run.variant, "seed": seed, **json_values(uncertainty)}]
+                if seed == 0 and run == GEOMETRIC:
+                    keep_network(bench, model, bench.folder(run, seed) / METRICS)
+                    part |= self.details_of(job, model, answered, val, dataset)
         return part
 
     def details_of(
@@ -179,9 +168,16 @@ class Beyond(Table):
         return figures
 
 
-def reproduce(bench: Bench, seeds: int = 1) -> dict[str, Any]:
+def reproduce(bench: Bench, seeds: int | None = None) -> dict[str, Any]:
     """Train and measure whatever is missing, and return the recorded result."""
     return Beyond().reproduce(bench, seeds)
+
+
+def add_rows(part: Part, bench: Bench, job: Job, split: str, frames_of: dict[str | None, Frames]) -> None:
+    """Add what is recorded of a job's variants and one split to its part."""
+    for variant, frames in frames_of.items():
+        labels = {"method": METHOD, "variant": variant, "seed": job.seed}
+        add_entries(part, measurements(frames, bench.names, split, measures_of(frames), **labels))
 
 
 def load(bench: Bench, run: Run, seed: int) -> tuple[DroneKeyPP, Answers | None]:
@@ -220,162 +216,3 @@ def shapes(model: DroneKeyPP, drones: Sequence[DroneClass]) -> list[dict[str, An
         ratio = radius(learned) / radius(drone.hubs)
         rows.append({"drone": drone.name, "off_mm": 1000 * off, "size_ratio": ratio})
     return rows
-
-
-# --- the table --------------------------------------------------------------------------------------------
-
-
-def side_by_side(recorded: dict[str, Any]) -> list[Name]:
-    """Return the names of the rows that are about all drones."""
-    return [name for name in methods(recorded) if name[1] not in LEFT_OUT]
-
-
-def markdown(recorded: dict[str, Any]) -> str:
-    """Return the table of both networks and their parts, and then what the covariance is worth."""
-    metrics = " | ".join(metric for metric, *_ in PRINTED)
-    lines = [
-        "# Beyond the paper: the geometry put back",
-        "",
-        heading(recorded),
-        "",
-        "Mean of the 14 columns of Table 3, 95 % interval over them.",
-        "",
-        f"| | {metrics} | class | flips | keypoints (px of the crop) |",
-        "|---|" + "---:|" * (len(PRINTED) + 3),
-    ]
-    for name in side_by_side(recorded):
-        row = average(recorded, *name)
-        shown = [interval(row, key, digits) for _, key, _, digits in PRINTED]
-        shown += [percent(row["class_accuracy"]), percent(row["flip_rate"])]
-        shown.append(number(row["keypoint_crop_px"], 1))
-        lines.append(line([name[1] or "the paper’s network", *shown]))
-    lines += _covariance_lines(recorded) + _flight_lines(recorded) + _left_out_lines(recorded)
-    return "\n".join(lines) + "\n"
-
-
-def _covariance_lines(recorded: dict[str, Any]) -> list[str]:
-    lines = [
-        "",
-        "## What its covariance is worth",
-        "",
-        "Share of the frames whose error lies inside the region claimed for 50 % and 90 % of them; "
-        "test scenes.",
-        "",
-        "| | turn 50 % | turn 90 % | shift 50 % | shift 90 % | claimed turn (deg) | claimed shift (m) |",
-        "|---|" + "---:|" * 6,
-    ]
-    for row in recorded["doubt"]:
-        shown = [row["variant"]]
-        for name in HALVES:
-            shares = row["coverage"][name]
-            shown += [percent(shares[LEVELS.index(0.5)]), percent(shares[LEVELS.index(0.9)])]
-        lines.append(line([*shown, f"{row['claimed_turn']:.1f}", f"{row['claimed_shift']:.3f}"]))
-    return lines
-
-
-def _flight_lines(recorded: dict[str, Any]) -> list[str]:
-    if not recorded["sequences"]:
-        return []
-    lines = [
-        "",
-        "## Over whole flights",
-        "",
-        "Test flights; the strength of each filter chosen on validation flights; "
-        "change against single frames.",
-        "",
-        "| | strength | R MAE (deg) | change, 95 % | t MAE (m) | change, 95 % |",
-        "|---|" + "---:|" * 5,
-    ]
-    for row in recorded["sequences"]:
-        low, high = row["R_deg_change_ci95"]
-        turn = f"[{low:+.1f}, {high:+.1f}]"
-        low, high = row["t_m_change_ci95"]
-        shift = f"[{low:+.3f}, {high:+.3f}]"
-        shown = [
-            row["filter"],
-            f"{row['strength']:g}",
-            f"{row['R_deg']:.1f}",
-            turn,
-            f"{row['t_m']:.3f}",
-            shift,
-        ]
-        lines.append(line(shown))
-    return lines
-
-
-def _left_out_lines(recorded: dict[str, Any]) -> list[str]:
-    rows = []
-    for row in recorded["averages"]:
-        if row["variant"] in LEFT_OUT and row["over"] == "frames":
-            rows.append(row)
-    if not rows:
-        return []
-    lines = [
-        "",
-        "## A drone it was never trained on",
-        "",
-        "Its frames of the test scenes, a quarter of the training.",
-        "",
-        "| | R MedAE (deg) | t MedAE (m) | predicted / true distance |",
-        "|---|---:|---:|---:|",
-    ]
-    for row in rows:
-        values = [f"{row['R_medae_deg']:.1f}", f"{row['t_medae_m']:.2f}", f"{row['distance_ratio']:.2f}"]
-        lines.append(line([row["variant"], *values]))
-    return lines
-
-
-# --- the figures ------------------------------------------------------------------------------------------
-
-
-def draw(recorded: dict[str, Any]) -> plt.Figure:
-    """Draw both networks, and the parts of ours, with one panel for each metric."""
-    names = side_by_side(recorded)
-    labels = [variant or "the paper's network" for _, variant in names]
-    return panels(recorded, names, labels, lambda name, key: None)
-
-
-def draw_doubt(recorded: dict[str, Any]) -> plt.Figure:
-    """Draw the coverage, the claimed against the actual error, and the error against the hidden share."""
-    plots.style()
-    figure, axes = plt.subplots(1, 4, figsize=(13, 3.2))
-    row = next(row for row in recorded["doubt"] if row["variant"] == GEOMETRIC.variant)
-    _draw_coverage(axes[0], row["coverage"])
-    for ax, name, unit in ((axes[1], "turn", "degrees"), (axes[2], "shift", "m")):
-        _draw_tenths(ax, row["tenths"][name], name, unit)
-    _draw_occlusion(axes[3], recorded["occlusion"])
-    return figure
-
-
-def _draw_coverage(ax: plt.Axes, shares: dict[str, list[float]]) -> None:
-    for name, marker in zip(HALVES, "os", strict=True):
-        ax.plot(LEVELS, shares[name], f"{marker}-", label=name)
-    ax.plot([0, 1], [0, 1], color="grey", linestyle="--", linewidth=1)
-    ax.set(xlabel="claimed share of frames inside", ylabel="share inside", title="coverage")
-    ax.set(xlim=(0, 1), ylim=(0, 1))
-    ax.legend()
-
-
-def _draw_tenths(ax: plt.Axes, tenths: list[dict[str, float]], name: str, unit: str) -> None:
-    claims = [tenth["claimed"] for tenth in tenths]
-    errors = [tenth["error"] for tenth in tenths]
-    ax.loglog(claims, errors, "o-")
-    low, high = min(claims + errors), max(claims + errors)
-    ax.plot([low, high], [low, high], color="grey", linestyle="--", linewidth=1)
-    ax.set(xlabel=f"claimed deviation, {unit}", ylabel=f"error, {unit}")
-    ax.set(title=f"{name}: tenths of the frames")
-    for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_locator(LogLocator(subs=(1, 3)))
-        axis.set_major_formatter("{x:g}")
-        axis.set_minor_formatter(NullFormatter())
-
-
-def _draw_occlusion(ax: plt.Axes, occluded: list[dict[str, Any]]) -> None:
-    for variant, style in ((None, "s--"), (GEOMETRIC.variant, "o-")):
-        rows = [row for row in occluded if row["variant"] == variant]
-        hidden = [100 * row["hidden"] for row in rows]
-        errors = [row["R_deg"] for row in rows]
-        ax.plot(hidden, errors, style, label=variant or "the paper's")
-    ax.set(xlabel="hidden, % of the crop", ylabel="rotation MedAE, degrees", ylim=(0, None))
-    ax.set(title="occlusion")
-    ax.legend()

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from dronekeypp import rotations
 from dronekeypp.evaluate import interval_of_mean
+from dronekeypp.evaluate.statistics import flights_of
 from dronekeypp.reproduce.beyond_uncertainty import Answers
 from dronekeypp.sequences import LiveFilter, filtered, gaussian, inverse_variances
 from dronekeypp.sixdronesyn.scenes import FPS
@@ -78,12 +79,9 @@ def over_flights(
         every: take every `every`-th flight only.
     """
     frames = answered.whole
-    keys = np.stack([frames["scene"], frames["label"], frames["subsequence"]], axis=1)
-    _, flight = np.unique(keys, axis=0, return_inverse=True)
-    flight = flight.ravel()
+    _, members = flights_of(frames)
     rows = []
-    for number in range(0, flight.max() + 1, every):
-        chosen = np.flatnonzero(flight == number)
+    for chosen in members[::every]:
         R, t = frames["R"][chosen].astype(float), frames["t"][chosen].astype(float)
         time = frames["frame"][chosen] / FPS
         R, t = smooth(R, t, time, answered.covariance[chosen], strength)

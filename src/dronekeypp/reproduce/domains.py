@@ -12,8 +12,9 @@ from typing import Any
 
 from dronekeypp.environments.cache import environment_files
 from dronekeypp.errors import InputError
-from dronekeypp.reproduce.protocol import Job, Part, Table
-from dronekeypp.reproduce.results import describe, rows_and_averages
+from dronekeypp.reproduce.comparisons import closing_lines
+from dronekeypp.reproduce.protocol import SPLITS, Job, Part, Table, add_entries
+from dronekeypp.reproduce.results import describe, measurements
 from dronekeypp.reproduce.runner import Bench
 from dronekeypp.reproduce.table3 import PAPERS
 from dronekeypp.reproduce.tables import average, interval, line, methods, percent
@@ -73,15 +74,15 @@ class Domains(Table):
         return jobs
 
     def measure(self, job: Job) -> Part:
-        """Test one training with both backgrounds and return {"run", "rows", "averages"}."""
-        part: Part = {"rows": [], "averages": []}
-        for tested, target in self.benches.items():
-            frames = job.bench.measure(job.run, job.seed, name=f"test-{tested}", data=target.data)[None]
-            variant = f"trained {job.label}, tested {tested}"
-            labels = {"method": job.run.method, "variant": variant, "seed": job.seed}
-            measured = rows_and_averages(frames, target.names, **labels)
-            part["rows"] += measured["rows"]
-            part["averages"] += measured["averages"]
+        """Ask one training about both backgrounds."""
+        part: Part = {}
+        for split in SPLITS:
+            for tested, target in self.benches.items():
+                name = f"{split}-{tested}"
+                frames = job.bench.measure(job.run, job.seed, split, name, target.data)[None]
+                variant = f"trained {job.label}, tested {tested}"
+                labels = {"method": job.run.method, "variant": variant, "seed": job.seed}
+                add_entries(part, measurements(frames, target.names, split, **labels))
         part["run"] = {**job.bench.training_record(job.run, job.seed), "trained": job.label}
         return part
 
@@ -93,7 +94,7 @@ class Domains(Table):
 
 
 def markdown(recorded: dict[str, Any]) -> str:
-    """Return the table with one line for each cell, with 95 % intervals over the 14 sequences."""
+    """Return the table with one line for each cell, with 95 % intervals."""
     lines = [
         "# What a background is worth: DroneKey++ trained and tested before drawn and photographed "
         "environments",
@@ -110,4 +111,5 @@ def markdown(recorded: dict[str, Any]) -> str:
             shown.append(interval(row, key, digits))
         shown += [percent(row["class_accuracy"]), f"{row['keypoint_px']:.1f}"]
         lines.append(line(shown))
+    lines += closing_lines(recorded, verdicts=0)
     return "\n".join(lines) + "\n"

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+import math
+from collections.abc import Iterable
 from pathlib import Path
 from statistics import mean
 from typing import Any
 
+from dronekeypp.errors import InputError
+from dronekeypp.evaluate import ENOUGH_SEEDS, Difference
+from dronekeypp.model import DroneKeyPP
 from dronekeypp.reproduce import ablations, priors
+from dronekeypp.reproduce.comparisons import difference
+from dronekeypp.reproduce.flights import Name
 from dronekeypp.reproduce.results import PAPER, read_result
-from dronekeypp.reproduce.tables import average
+from dronekeypp.reproduce.tables import average, seeds_of, title
 from dronekeypp.sixdronesyn.scenes import count_frames
 
-REPRODUCED, DIFFERS, NOT_ATTEMPTED = "reproduced", "differs", "not attempted"
-
+METHOD = DroneKeyPP.method
+HALF_AN_ORDER = 0.5  # of magnitude: numbers of one order are less than a factor of √10 apart
 # A row of a table as the paper prints it: our key of a measure, and its. The translation's MAE is per axis.
 PRINTED_KEYS = {
     "R_mae_deg": "R_deg_MAE",
@@ -42,21 +47,59 @@ class Results:
             self._read[name] = read_result(name, self.root)
         return self._read[name]
 
-    def row(self, name: str, method: str = "DroneKey++", variant: str | None = None) -> Row:
+    def check_editions(self, names: Iterable[str]) -> None:
+        """Check that all results were measured on one edition of the data set.
+
+        Results that do not name it are of the first. A result that was not recorded is left out.
+
+        Raises:
+            InputError: they were not; the message names one result of each edition.
+        """
+        example: dict[int, str] = {}
+        for name in names:
+            try:
+                recorded = self[name]
+            except InputError:
+                continue
+            sets = [recorded.get("dataset"), *recorded.get("datasets", {}).values()]
+            for described in filter(None, sets):
+                example.setdefault(described.get("edition", 1), name)
+        if len(example) > 1:
+            first, second, *_ = (f"{name} is of edition {edition}" for edition, name in example.items())
+            raise InputError(
+                f"results of different editions do not go together: {first}, {second}; reproduce all"
+            )
+
+    def row(self, name: str, method: str = METHOD, variant: str | None = None) -> Row:
         """Return every measure of a row, averaged over the seeds and the 14 columns."""
         return average(self[name], method, variant)
 
-    def pose(self, name: str, method: str = "DroneKey++", variant: str | None = None) -> str:
-        """Return the four numbers of a row as text."""
-        return pose(self.row(name, method, variant))
+    def seeds(self, name: str, row: Name) -> int:
+        """Return the number of seeds behind a row."""
+        return seeds_of(self[name], row)
+
+    def pose(self, name: str, method: str = METHOD, variant: str | None = None) -> str:
+        """Return the numbers of a row as text, with a question mark if it has fewer than three seeds."""
+        mark = "?" if self.seeds(name, (method, variant)) < ENOUGH_SEEDS else ""
+        return pose(self.row(name, method, variant)) + mark
 
     def pose_step(self, name: str, before: str, after: str) -> str:
         """Return the four numbers of two rows of an ablation, with an arrow between them."""
         return f"{self.pose(name, variant=before)} → {self.pose(name, variant=after)}"
 
-    def step(self, name: str, before: str, after: str, key: str) -> ablations.Difference:
-        """Return by how much, and how surely, the ablation row `after` differs from the row `before`."""
-        return ablations.difference({**self[name], "reference": before}, after, key)
+    def difference(self, name: str, row: Name, reference: Name, key: str, split: str) -> Difference:
+        """Return by how much, and how surely, a row differs from another.
+
+        Raises:
+            InputError: one of them was not measured.
+        """
+        apart = difference(self[name], row, reference, key, split)
+        if apart is None:
+            rows = f"{title(*row)} or {title(*reference)}"
+            raise InputError(
+                f"{name}: no {key} of {rows}; make it with `python -m dronekeypp reproduce {name}`"
+            )
+        return apart
 
     def fps(self, name: str, engine: str, key: str = "frames_per_s") -> float:
         """Return the frames a second on the CPU at batch 1, or another value of that speed row."""
@@ -67,69 +110,42 @@ class Results:
         raise KeyError(wanted)
 
 
-@dataclass(frozen=True)
-class Claim:
-    """Describe a line of the table of claims.
-
-    Args:
-        where: the place in the paper.
-        says: what the paper says there.
-        code: a dotted name below dronekeypp.
-        test: FILE::FUNCTION below tests.
-        notebook: the stem of its file.
-        section: the number of the notebook's section.
-        verdict: REPRODUCED, DIFFERS or NOT_ATTEMPTED.
-        why: in what sense it was reproduced, or what stands against it.
-        paper: the paper's values, where there are any.
-        ours: a function that makes our values from the results.
-        holds: a function that says whether the verdict stands, by the results.
-    """
-
-    where: str
-    says: str
-    code: str
-    test: str
-    notebook: str
-    section: str
-    verdict: str
-    why: str = ""
-    paper: str = ""
-    ours: Callable[[Results], str] | None = None
-    holds: Callable[[Results], bool] | None = None
-
-
 # --- four numbers of a row --------------------------------------------------------------------------------
 
 
-def four_numbers(R_mae: float, R_medae: float, t_mae: float, t_medae: float) -> str:
-    """Write rotation MAE / MedAE in degrees, and translation MAE / MedAE in metres."""
-    return f"{R_mae:.1f}° / {R_medae:.1f}°, {t_mae:.3f} / {t_medae:.3f} m"
+def four_numbers(R_mae: float, R_medae: float, t_mae: float, t_medae: float, distance: str = "") -> str:
+    """Write rotation MAE / MedAE in degrees, and translation MAE / MedAE in metres.
+
+    `distance` stands after the translation's MAE.
+    """
+    return f"{R_mae:.1f}° / {R_medae:.1f}°, {t_mae:.3f}{distance} / {t_medae:.3f} m"
 
 
 def pose(row: Row) -> str:
     """Write the four numbers of a row of ours.
 
-    The translation's MAE is per axis, as the paper's seems to be.
+    The translation's MAE is per axis, as the paper's seems to be. Behind it, in brackets, is the mean
+    distance.
     """
-    return four_numbers(*[row[key] for key in PRINTED_KEYS])
+    return four_numbers(*[row[key] for key in PRINTED_KEYS], distance=f" ({row['t_mae_m']:.3f})")
 
 
-def printed(table: str, row: str) -> str:
-    """Write the same four numbers as the paper prints them."""
+def paper_numbers(table: str, row: str) -> dict[str, float]:
+    """Return the same four numbers as the paper prints them, by our keys."""
     values = PAPER[table][row]
     if isinstance(values, dict):
         values = [values[key]["average_printed"] for key in PRINTED_KEYS.values()]
-    return four_numbers(*values)
+    return dict(zip(PRINTED_KEYS, values, strict=True))
+
+
+def printed(table: str, row: str) -> str:
+    """Write the paper's numbers as it prints them."""
+    return four_numbers(*paper_numbers(table, row).values())
 
 
 def printed_step(table: str, before: str, after: str) -> str:
     """Write the printed numbers of two rows, with an arrow between them."""
     return f"{printed(table, before)} → {printed(table, after)}"
-
-
-def lower(row: Row, other: Row, keys: Iterable[str] = tuple(PRINTED_KEYS)) -> bool:
-    """Tell whether a row's errors are lower than another's in every one of the measures."""
-    return all(row[key] < other[key] for key in keys)
 
 
 # --- our values as text -----------------------------------------------------------------------------------
@@ -168,7 +184,8 @@ def cpu_speed(results: Results) -> str:
 def with_and_without_a_drone(results: Results) -> str:
     """Give the translation error of a drone in training, and of a drone left out of it."""
     in_training, left_out = left_out_errors(results)
-    return f"a drone in training → left out: {in_training:.2f} → {left_out:.2f} m"
+    few = len(results["priors"]["told"]) < ENOUGH_SEEDS
+    return f"a drone in training → left out: {in_training:.2f} → {left_out:.2f} m{'?' if few else ''}"
 
 
 def left_out_errors(results: Results) -> tuple[float, float]:
@@ -216,62 +233,28 @@ def no_gpu_was_measured(results: Results) -> bool:
 # --- conditions on the results ----------------------------------------------------------------------------
 
 
-def below_the_paper(results: Results) -> bool:
-    """Tell whether DroneKey++ beats its printed row of Table 3 in all four numbers."""
-    paper = PAPER["table3"]["DroneKey++"]
-    values = {ours: paper[theirs]["average_printed"] for ours, theirs in PRINTED_KEYS.items()}
-    return lower(results.row("table3"), values)
-
-
-def dronekey_is_ahead_but_for_the_mean(results: Results) -> bool:
-    """Tell whether DroneKey++ beats DroneKey in the mean rotation only.
-
-    The upright DroneKey must not be beaten in any number.
-    """
-    ours, dronekey = results.row("table3"), results.row("table3", "DroneKey")
-    upright = results.row("table3", "DroneKey", "upright")
-    others = [key for key in PRINTED_KEYS if key != "R_mae_deg"]
-    return lower(ours, dronekey, ["R_mae_deg"]) and lower(dronekey, ours, others) and lower(upright, ours)
+def of_the_papers_order(results: Results) -> bool:
+    """Tell whether the four numbers of DroneKey++ are of the order of magnitude of those that it prints."""
+    ours, paper = results.row("table3"), paper_numbers("table3", METHOD)
+    return all(abs(math.log10(ours[key] / paper[key])) < HALF_AN_ORDER for key in PRINTED_KEYS)
 
 
 def true_keypoints_are_better(results: Results) -> bool:
     """Tell whether the row of Table 4 without an encoder has the lower mean rotation error."""
-    without_encoder = results.row("table4", variant=NO_ENCODER)
-    return lower(without_encoder, results.row("table4", variant="encoder"), ["R_mae_deg"])
-
-
-def rays_help(results: Results) -> bool:
-    """Tell whether the ray embedding makes both translation and rotation better."""
-    for key in ("t_medae_m", "R_mae_deg"):
-        if "better" not in results.step("table5", ONLY_POSE, WITH_RAYS, key).verdict:
-            return False
-    return True
-
-
-def the_class_helps_translation_alone(results: Results) -> bool:
-    """Tell whether the class makes the translation better, while the rotation is not told apart."""
-    for key in ("t_axis_mae_m", "t_medae_m"):
-        if "better" not in results.step("table5", WITHOUT_CLASS, FULL_DECODER, key).verdict:
-            return False
-    for key in ("R_mae_deg", "R_medae_deg"):
-        if results.step("table5", WITHOUT_CLASS, FULL_DECODER, key).verdict != "not told apart":
-            return False
-    return True
-
-
-def weights_make_no_difference(results: Results) -> bool:
-    """Tell whether no other weights of the losses are told apart from equal ones in the mean rotation."""
-    for row in ablations.ABLATIONS["table6"].rows:
-        if row.name != "equal":
-            if results.step("table6", "equal", row.name, "R_mae_deg").verdict != "not told apart":
-                return False
-    return True
+    apart = results.difference("table4", (METHOD, NO_ENCODER), (METHOD, "encoder"), "R_mae_deg", "val")
+    return "better" in apart.verdict
 
 
 def photographs_lie_nearest(results: Results) -> bool:
-    """Tell whether the Fréchet distance to real frames falls from plain to drawn to photographed places."""
-    distance = {row["set"]: row["frechet"] for row in of_figure_6(results)}
-    return distance["photographs"] < distance["drawn"] < distance["plain"]
+    """Tell whether the Fréchet distance to real frames falls from plain to drawn to photographed places.
+
+    It does if the intervals of both changes leave out 0.
+    """
+    falls = {}
+    for row in results["figure6"]["nearer"]:
+        if (row["features"], row["measure"]) == ("descriptor", "frechet"):
+            falls[row["before"], row["after"]] = row["difference_ci95"][1] < 0
+    return falls["plain", "drawn"] and falls["drawn", "photographs"]
 
 
 def real_frames_are_doubted(results: Results) -> bool:
@@ -283,8 +266,9 @@ def real_frames_are_doubted(results: Results) -> bool:
 def sizes_are_learned(results: Results) -> bool:
     """Tell whether the network's answers show that it has learned the drones' sizes.
 
-    It has if a wrong class gives a wrong distance, and a drone left out of training is put much farther off.
+    It has if a wrong class gives a wrong distance, and drones left out of training are put farther off.
     """
     slope, _ = priors.told_slope(results["priors"])
-    in_training, left_out = left_out_errors(results)
-    return slope > 0.5 and left_out > 3 * in_training
+    pooled = priors.pooled(results["priors"])
+    apart = difference(pooled, (METHOD, priors.LEFT_OUT), (METHOD, None), "t_medae_m")
+    return slope > 0.5 and "worse" in apart.verdict

@@ -14,8 +14,10 @@ import numpy as np
 
 from dronekeypp.evaluate import json_values
 from dronekeypp.evaluate.statistics import Frames
-from dronekeypp.reproduce.runner import Bench, Run
-from dronekeypp.reproduce.tables import Name, line, percent, title
+from dronekeypp.reproduce.flights import Name
+from dronekeypp.reproduce.run import Run
+from dronekeypp.reproduce.runner import Bench
+from dronekeypp.reproduce.tables import line, percent, title
 
 NEAR = 45.0  # degrees between the nose and the direction to the camera
 TOWARDS, ELSEWHERE = "towards the camera", "elsewhere"
@@ -54,7 +56,7 @@ def measure_by_heading(bench: Bench, run: Run, seed: int, variant: str | None) -
     """
     entries = []
     for split in SCENES:
-        frames = bench.measure(run, seed, name=split, split=split)[run.variant]
+        frames = bench.measure(run, seed, split)[run.variant]
         entries += by_heading(frames, method=run.method, variant=variant, seed=seed, split=split)
     return entries
 

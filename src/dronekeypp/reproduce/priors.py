@@ -22,12 +22,14 @@ from dronekeypp.data import read_annotations
 from dronekeypp.evaluate import frame_errors, json_values
 from dronekeypp.evaluate.statistics import Frames
 from dronekeypp.model import DroneKeyPP
-from dronekeypp.reproduce.protocol import Job, Part, Table
-from dronekeypp.reproduce.results import rows_and_averages
+from dronekeypp.reproduce.comparisons import closing_lines
+from dronekeypp.reproduce.protocol import SPLITS, Job, Part, Table, add_entries
+from dronekeypp.reproduce.results import measurements
 from dronekeypp.reproduce.runner import Bench, Run
 from dronekeypp.reproduce.tables import heading, line, number, over_seeds, percent
 
 WHOLE = Run(DroneKeyPP.method)
+LEFT_OUT = "left out"  # the row of all drones together, each by the network that never saw it
 TOLD_MEASURES = ("distance_ratio", "R_deg", "t_m")  # of `told_wrong`
 
 # --- sizes ------------------------------------------------------------------------------------------------
@@ -53,7 +55,7 @@ class Priors(Table):
     """
 
     name = "priors"
-    lists = ("rows", "averages", "told", "embedding", "taken_for")
+    lists = (*Table.lists, "told", "embedding", "taken_for")
 
     def jobs(self, bench: Bench, seeds: int | None) -> list[Job]:
         runs = [WHOLE, *(without(drone) for drone in bench.names)]
@@ -70,21 +72,31 @@ class Priors(Table):
         """
         bench, run, seed = job.bench, job.run, job.seed
         names = bench.names
-        frames = bench.measure(run, seed)[run.variant]
         part: Part = {"run": bench.training_record(run, seed)}
+        for split in SPLITS:
+            frames = bench.measure(run, seed, split)[run.variant]
+            if run.without:
+                chosen = frames["label"] == names.index(run.without)
+                frames = {key: value[chosen] for key, value in frames.items()}
+            labels = {"method": run.method, "variant": run.variant, "seed": seed}
+            add_entries(part, measurements(frames, names, split, **labels))
+            if split == "test":
+                part |= self.answers_of(job, frames)
+        return part
+
+    def answers_of(self, job: Job, frames: Frames) -> Part:
+        """Return what only this table asks of the test frames that count for a run."""
+        bench, run, seed = job.bench, job.run, job.seed
         if run.without:
-            chosen = frames["label"] == names.index(run.without)
-            frames = {key: value[chosen] for key, value in frames.items()}
-            share = np.bincount(frames["predicted"], minlength=len(names)) / len(frames["predicted"])
+            share = np.bincount(frames["predicted"], minlength=len(bench.names)) / len(frames["predicted"])
             entry = {"drone": run.without, "seed": seed, "share": json_values(share.tolist())}
-            part["taken_for"] = [entry]
-        else:
-            network = bench.network(run, seed)
-            truth = read_annotations(bench.split("test", run, seed))
-            part["told"] = [{"seed": seed, **json_values(told_wrong(network, frames, truth))}]
-            part["embedding"] = [{"seed": seed, **json_values(embedding(network, bench.drones))}]
-        labels = {"method": run.method, "variant": run.variant, "seed": seed}
-        return {**part, **rows_and_averages(frames, names, **labels)}
+            return {"taken_for": [entry]}
+        network = bench.network(run, seed)
+        truth = read_annotations(bench.split("test", run, seed))
+        return {
+            "told": [{"seed": seed, **json_values(told_wrong(network, frames, truth))}],
+            "embedding": [{"seed": seed, **json_values(embedding(network, bench.drones))}],
+        }
 
     def details(self, bench: Bench) -> dict[str, Any]:
         return {"hub_radius_m": {drone.name: round(radius(drone.hubs), 5) for drone in bench.drones}}
@@ -204,6 +216,18 @@ def left_out(recorded: dict[str, Any], drone: str, key: str) -> tuple[float, flo
     return over_seeds(inside, key), over_seeds(outside, key)
 
 
+def pooled(recorded: dict[str, Any]) -> dict[str, Any]:
+    """Return the result with the rows and flights of all left-out drones under one name, LEFT_OUT."""
+    joined = {}
+    for name in ("rows", "validation", "flights"):
+        entries = []
+        for entry in recorded.get(name, []):
+            variant = LEFT_OUT if entry["variant"] else None
+            entries.append({**entry, "variant": variant})
+        joined[name] = entries
+    return {**recorded, **joined}
+
+
 def by_size(recorded: dict[str, Any]) -> list[str]:
     """Return the drones' names, the smallest first."""
     return sorted(recorded["hub_radius_m"], key=recorded["hub_radius_m"].get)
@@ -227,6 +251,7 @@ def markdown(recorded: dict[str, Any]) -> str:
             "Distance of two drones' embeddings against |log size ratio|, 21 pairs: "
             f"rank correlation {rank:.2f}.",
         ]
+    lines += closing_lines(recorded, verdicts=0)
     return "\n".join(lines) + "\n"
 
 

@@ -21,12 +21,21 @@ from dronekeypp import __version__
 from dronekeypp.errors import InputError
 from dronekeypp.files import command_line, write_beside
 from dronekeypp.presets import TrainConfig
-from dronekeypp.reproduce.results import describe, write_result
+from dronekeypp.reproduce.asked import with_earlier
+from dronekeypp.reproduce.results import describe, result_path, write_result
 from dronekeypp.reproduce.runner import Bench, Run
 from dronekeypp.reproduce.tables import write_figure
 
 # What one job adds to a table: "run", the record of its training, and for each of `Table.lists` its entries.
 Part = dict[str, Any]
+# Every job is measured on both. Choices are made on the validation scenes; the test scenes are asked once.
+SPLITS = ("test", "val")
+
+
+def add_entries(part: Part, entries: dict[str, list]) -> None:
+    """Add entries to the lists of a part."""
+    for name, more in entries.items():
+        part.setdefault(name, []).extend(more)
 
 
 @dataclass(frozen=True)
@@ -55,7 +64,9 @@ class Table:
 
     name: str  # of the result, of its table and of its figure
     full_budget = False  # whether its trainings have the full budget, or that of an ablation
-    lists: tuple[str, ...] = ("rows", "averages")  # what every job's part holds, joined in the result
+    # What every job's part holds, joined in the result: rows and averages of the test scenes, rows of the
+    # validation scenes, and the flights of both.
+    lists: tuple[str, ...] = ("rows", "averages", "validation", "flights")
 
     def reproduce(self, bench: Bench, seeds: int | None = None) -> dict[str, Any]:
         """Train and measure whatever is missing, and return the recorded result.
@@ -165,8 +176,12 @@ class Table:
             joined[key] = []
             for part in parts:
                 joined[key] += part.get(key, [])
-        runs = [part["run"] for part in parts]
+        runs = []
+        for part in parts:
+            variants = list(dict.fromkeys(row["variant"] for row in part.get("rows", [])))
+            runs.append({**part["run"], "rows": variants})
         recorded = assemble(self.name, bench, runs, **self.details(bench), **joined)
+        recorded = with_earlier(recorded, result_path(bench.root, self.name))
         self.write(bench, recorded)
         return recorded
 

@@ -18,7 +18,7 @@ from dronekeypp.baselines import yolo
 from dronekeypp.errors import InputError
 from dronekeypp.evaluate import json_values
 from dronekeypp.reproduce.ablations import METHOD, Row, run_of
-from dronekeypp.reproduce.beyond import GEOMETRIC
+from dronekeypp.reproduce.beyond_runs import GEOMETRIC
 from dronekeypp.reproduce.protocol import Job, Part, Table
 from dronekeypp.reproduce.runner import Bench, Run, read_history
 from dronekeypp.reproduce.table3 import PAPERS, RUNS

@@ -18,9 +18,11 @@ import numpy as np
 import torch
 
 from dronekeypp.errors import InputError
-from dronekeypp.evaluate import FORMAT, averages, json_values, summarise
+from dronekeypp.evaluate import FORMAT, MEASURES, averages, flight_errors, json_values, summarise
+from dronekeypp.evaluate.statistics import Frames, Measures
 from dronekeypp.files import digest, read_json, repository_root, write_beside, write_json
 from dronekeypp.presets import TrainConfig
+from dronekeypp.sixdronesyn.folders import edition_of
 from dronekeypp.train import choose_device
 
 RESULTS = Path("data_samples") / "results"  # below the root
@@ -37,31 +39,46 @@ def read_result(name: str, root: Path | None = None) -> dict[str, Any]:
     Raises:
         InputError: Nothing of that name has been recorded, or there is no `root` and no repository.
     """
-    path = (root or repository_root()) / RESULTS / f"{name}.json"
+    path = result_path(root or repository_root(), name)
     if not path.is_file():
         raise InputError(f"{path} not found: make it with `python -m dronekeypp reproduce {name}`")
     return read_json(path)
 
 
+def result_path(root: Path, name: str) -> Path:
+    """Return where a result is recorded below `root`."""
+    return root / RESULTS / f"{name}.json"
+
+
 def write_result(root: Path, recorded: dict[str, Any]) -> Path:
     """Write data_samples/results/NAME.json below `root`, and return its path."""
-    path = root / RESULTS / f"{recorded['name']}.json"
+    path = result_path(root, recorded["name"])
     path.parent.mkdir(parents=True, exist_ok=True)
     write_json(path, recorded, indent=1)
     return path
 
 
-def rows_and_averages(
-    frames: dict[str, np.ndarray], names: Sequence[str], **labels: Any
+def measurements(
+    frames: Frames, names: Sequence[str], split: str, measures: Measures = MEASURES, **labels: Any
 ) -> dict[str, list[dict[str, Any]]]:
-    """Return `summarise` and `averages` of one method for JSON, as {"rows": …, "averages": …}.
+    """Return what is recorded of one row of a table and one split, for JSON.
 
-    `names` are the drones in class order. `labels` are put in front of every row (method=, variant=, seed=).
+    Of the test scenes these are "rows" and "averages", of the validation scenes "validation"; "flights" of
+    both.
+
+    Args:
+        frames: the arrays of `evaluate`.
+        names: the drones in class order.
+        split: "test" or "val".
+        measures: the columns.
+        labels: entries that are put in front of every row (method=, variant=, seed=).
     """
-    return {
-        "rows": json_values(summarise(frames, names, **labels)),
-        "averages": json_values(averages(frames, **labels)),
-    }
+    rows = json_values(summarise(frames, names, measures, **labels))
+    flights = [{**labels, "split": split, **flight_errors(frames, names)}]
+    if split == "val":
+        return {"validation": rows, "flights": flights}
+    means = json_values(averages(frames, measures=measures, **labels))
+    return {"rows": rows, "averages": means, "flights": flights}
 
 
 # --- what a measurement was made from ---------------------------------------------------------------------
@@ -72,6 +89,7 @@ def describe(data: Path) -> dict[str, Any]:
     manifest = read_json(data / "manifest.json")
     settings, frames = manifest["settings"], manifest["frames"]
     return {
+        "edition": edition_of(manifest),
         "seed": settings["seed"],
         "digest": manifest["digest"],
         "train_frames": frames["train"],

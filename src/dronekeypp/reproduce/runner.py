@@ -9,23 +9,24 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
-from dronekeypp import checkpoint, presets
+from dronekeypp import presets
 from dronekeypp.checkpoint import WEIGHTS
 from dronekeypp.classes import DroneClass, names_of
 from dronekeypp.data import FrameDataset, open_dataset
 from dronekeypp.errors import InputError
 from dronekeypp.evaluate import evaluate
 from dronekeypp.evaluate.statistics import Frames
-from dronekeypp.files import read_json
-from dronekeypp.model import DroneKeyPP, PoseNetwork
+from dronekeypp.files import digest, read_json
+from dronekeypp.model import PoseNetwork
 from dronekeypp.presets import TrainConfig
+from dronekeypp.reproduce.field import field_errors, has_field_errors
 from dronekeypp.reproduce.results import (
     describe,
     keep_hardware,
@@ -34,8 +35,10 @@ from dronekeypp.reproduce.results import (
     source_digest,
     write_npz,
 )
+from dronekeypp.reproduce.run import Run
 from dronekeypp.settings import Settings
 from dronekeypp.sixdronesyn import bop, folders
+from dronekeypp.sixdronesyn.drones import EDITION
 from dronekeypp.sixdronesyn.scenes import count_frames
 from dronekeypp.train import (
     BEST,
@@ -47,50 +50,6 @@ from dronekeypp.train import (
     train_on,
     weights_digest,
 )
-
-
-@dataclass(frozen=True)
-class Run:
-    """Describe one training: a method, a variant of it, and the settings in which it differs from the preset.
-
-    Args:
-        method: its name, one of `checkpoint.METHODS`.
-        variant: the name of the variant; None is the method as it is.
-        changes: settings in which it differs from the preset.
-        without: the name of a drone that is left out of training and validation.
-        hypotheses: for a method with PnP, the readings of its two poses; each is a row of its own.
-    """
-
-    method: str
-    variant: str | None = None
-    changes: dict[str, Any] = field(default_factory=dict)
-    without: str | None = None
-    hypotheses: tuple[str, ...] = ()
-
-    @property
-    def slug(self) -> str:
-        """Return the name of its folder."""
-        text = f"{self.method} {self.variant or ''}".strip().lower().replace("++", "pp")
-        return "".join(c if c.isalnum() else "-" for c in text)
-
-    @property
-    def network(self) -> type[PoseNetwork]:
-        """Return the class of its network.
-
-        A detector of another library takes the settings of DroneKey++.
-        """
-        if self.method in checkpoint.METHODS:
-            return checkpoint.network_class(self.method)
-        return DroneKeyPP
-
-    def row_name(self, hypothesis: str | None) -> str | None:
-        """Return the variant's name in a table.
-
-        A PnP that takes the upright pose is a variant of its own.
-        """
-        if hypothesis != "upright":
-            return self.variant
-        return f"{self.variant}, upright" if self.variant else "upright"
 
 
 @dataclass
@@ -133,12 +92,18 @@ class Bench:
         """Complete the data set, if it is not complete.
 
         Raises:
-            InputError: It was rendered with another stride or with other environments.
+            InputError: It is of another edition, or was rendered with another stride or with other
+                environments.
         """
         manifest = {}
         if (self.data / "manifest.json").is_file():
             manifest = read_json(self.data / "manifest.json")
         settings = manifest.get("settings", {})
+        if manifest and folders.edition_of(manifest) != EDITION:
+            raise InputError(
+                f"{self.data} is of edition {folders.edition_of(manifest)}, and results are recorded on "
+                f"edition {EDITION}; set --data to another folder, where it will be rendered"
+            )
         if settings.get("stride", self.stride) != self.stride:
             raise InputError(
                 f"{self.data} keeps every {settings['stride']}. frame, not every {self.stride}.; "
@@ -161,6 +126,7 @@ class Bench:
                 environments=self.environments,
                 workers=self.workers,
                 progress=self.progress,
+                edition=EDITION,
             )
 
     @property
@@ -173,16 +139,24 @@ class Bench:
         """Return the names of the drones, in class order."""
         return names_of(self.drones)
 
-    def split(self, name: str, run: Run, seed: int, data: Path | None = None) -> FrameDataset:
+    def split(
+        self, name: str, run: Run, seed: int, data: Path | None = None, all_drones: bool = False
+    ) -> FrameDataset:
         """Return a split as a run sees it.
 
         "train" has the run's augmentation. "train" and "val" come without the drone that the run leaves out.
-        `data` names another data set than the bench's.
+
+        Args:
+            name: "train", "val" or "test".
+            run: the training.
+            seed: its seed.
+            data: another data set than the bench's.
+            all_drones: whether "val" has the drone that the run leaves out as well, for measuring.
         """
         model, training = self.settings(run, seed)
         training_split = name == "train"
         drones = None
-        if run.without and name != "test":
+        if run.without and name != "test" and not all_drones:
             drones = [drone for drone in self.names if drone != run.without]
         return open_dataset(
             data or self.data,
@@ -289,12 +263,16 @@ class Bench:
         return network.to(choose_device(self.settings(run, seed)[1]))
 
     def training_record(self, run: Run, seed: int) -> dict[str, Any]:
-        """Return a finished run's epochs, minutes, best epoch, parameter count and device."""
+        """Return a finished run's epochs, minutes, best epoch, parameter count, device and files.
+
+        `weights` is the digest of its best weights, `backbone` the file that it started from.
+        """
         folder = self.folder(run, seed)
         history = read_history(folder)
         scores = [float(row["score"]) for row in history]
         seconds = [float(row["seconds"]) for row in history]
-        model = run.network(self.settings(run, seed)[0], load_backbone=False)
+        settings, _ = self.settings(run, seed)
+        model = run.network(settings, load_backbone=False)
         return {
             "method": run.method,
             "variant": run.variant,
@@ -305,21 +283,39 @@ class Bench:
             "parameters": sum(p.numel() for p in model.parameters()),
             "without": run.without,
             "changes": {**model.defaults, **run.changes},
+            "backbone": backbone_record(settings),
+            "weights": digest((folder / BEST / WEIGHTS).read_bytes()),
             "hardware": read_hardware(folder),
         }
 
     # --- measuring ----------------------------------------------------------------------------------------
 
     def measure(
-        self, run: Run, seed: int, name: str = "test", data: Path | None = None, split: str = "test"
+        self,
+        run: Run,
+        seed: int,
+        split: str = "test",
+        name: str | None = None,
+        data: Path | None = None,
+        field: bool = False,
     ) -> dict[str | None, Frames]:
         """Measure the errors of every frame of a split by variant: {variant: frames of `evaluate`}.
 
         The run is trained first if need be. The errors are stored in its folder as NAME.npz, and made again
         if the network or the data have changed since.
+
+        Args:
+            run: the training.
+            seed: its seed.
+            split: "test" or "val"; either has all drones.
+            name: of the stored file; the default is the split's.
+            data: another data set than the bench's.
+            field: whether to add the errors of `evaluate.bop_errors`.
         """
         best, folder = self.train(run, seed), self.folder(run, seed)
         made_from = source_digest(best / WEIGHTS, data or self.data)
+        name = name or split
+        dataset = self.split(split, run, seed, data, all_drones=True)
         frames_of = {}
         for hypothesis in run.hypotheses or (None,):
             path = folder / (f"{name}-{hypothesis}.npz" if hypothesis else f"{name}.npz")
@@ -328,8 +324,10 @@ class Bench:
                 network = self.network(run, seed)
                 if hypothesis:
                     network.pnp.hypothesis = hypothesis
-                dataset = self.split(split, run, seed, data)
                 frames = evaluate(network, dataset, progress=self._bar(f"{run.method} {name}"))
+                write_npz(path, frames, made_from)
+            if field and not has_field_errors(frames):
+                frames |= field_errors(frames, dataset)
                 write_npz(path, frames, made_from)
             frames_of[run.row_name(hypothesis)] = frames
         return frames_of
@@ -342,6 +340,17 @@ class Bench:
         """Print a line, if progress is wanted."""
         if self.progress:
             print(line.rstrip(), flush=True)
+
+
+def backbone_record(settings: Settings) -> dict[str, str | None] | None:
+    """Return the file of a network's pretrained backbone and its digest; None where it has no such file.
+
+    ImageNet's weights are named without a digest.
+    """
+    weights = getattr(settings, "backbone_weights", None)
+    if weights is None:
+        return None
+    return {"file": Path(weights).name, "digest": weights_digest(settings)}
 
 
 def read_history(folder: Path) -> list[dict[str, str]]:

@@ -16,9 +16,10 @@ from dronekeypp.checkpoint import WEIGHTS
 from dronekeypp.data import FrameDataset, open_dataset, read_annotations
 from dronekeypp.evaluate import batches_of, frame_errors, to_device
 from dronekeypp.evaluate.statistics import Frames
-from dronekeypp.files import write_beside
+from dronekeypp.files import digest, write_beside
 from dronekeypp.model import PoseNetwork
 from dronekeypp.predict import mirror_doubt
+from dronekeypp.reproduce.field import field_errors, has_field_errors
 from dronekeypp.reproduce.results import (
     RESULTS,
     describe,
@@ -75,8 +76,10 @@ def train_yolo(bench: Bench, run: Run, seed: int) -> Path:
     return weights
 
 
-def measure_yolo(bench: Bench, run: Run, seed: int) -> tuple[dict[str | None, Frames], dict[str, Any]]:
-    """Do the work of `Bench.measure` and `Bench.training_record` for YOLOv8n-pose.
+def measure_yolo(
+    bench: Bench, run: Run, seed: int, split: str = "test", field: bool = False
+) -> dict[str | None, Frames]:
+    """Do the work of `Bench.measure` for YOLOv8n-pose.
 
     Its PnP gets the class of the true drone, as DroneKey's does.
     """
@@ -86,29 +89,39 @@ def measure_yolo(bench: Bench, run: Run, seed: int) -> tuple[dict[str | None, Fr
     made_from = source_digest(weights, bench.data)
     pnp = PnPPose(model.classes)
     pnp.learn(read_annotations(open_dataset(bench.data, "train", size=model.image_size)))
-    test_set = bench.split("test", run, seed)
+    dataset = bench.split(split, run, seed)
     answer = None
     frames_of = {}
     for hypothesis in run.hypotheses:
-        path = folder / f"test-{hypothesis}.npz"
+        path = folder / f"{split}-{hypothesis}.npz"
         frames = read_npz(path, made_from)
         if frames is None:
             if answer is None:
-                pictures = (items["image"] for items in batches_of(test_set, BATCH))
+                pictures = (items["image"] for items in batches_of(dataset, BATCH))
                 answer = yolo.detect(weights, pictures, model.classes, str(choose_device(training)))
             pnp.hypothesis = hypothesis
-            frames = detector_errors(answer, test_set, pnp)
+            frames = detector_errors(answer, dataset, pnp)
+            write_npz(path, frames, made_from)
+        if field and not has_field_errors(frames):
+            frames |= field_errors(frames, dataset)
             write_npz(path, frames, made_from)
         frames_of[run.row_name(hypothesis)] = frames
-    record = {
+    return frames_of
+
+
+def yolo_record(bench: Bench, run: Run, seed: int) -> dict[str, Any]:
+    """Do the work of `Bench.training_record` for YOLOv8n-pose, which starts from no backbone of ours."""
+    folder = bench.folder(run, seed)
+    return {
         "method": run.method,
         "variant": None,
         "seed": seed,
         **yolo.training_record(folder),
         "changes": {},
+        "backbone": None,
+        "weights": digest(train_yolo(bench, run, seed).read_bytes()),
         "hardware": read_hardware(folder),
     }
-    return frames_of, record
 
 
 def detector_errors(answer: dict[str, torch.Tensor], dataset: FrameDataset, pnp: PnPPose) -> Frames:
@@ -150,7 +163,7 @@ def keep_flights(bench: Bench, run: Run, seed: int) -> None:
     network = bench.network(run, seed)
     arrays: dict[str, np.ndarray] = {}
     for split in ("val", "test"):
-        frames = bench.measure(run, seed, name=split, split=split)[run.variant]
+        frames = bench.measure(run, seed, split)[run.variant]
         dataset = bench.split(split, run, seed)
         truth = read_annotations(dataset)
         values = {name: frames[name] for name in FLIGHT_ARRAYS}

@@ -12,12 +12,14 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from dronekeypp import plots
-from dronekeypp.evaluate import MEASURES, interval_of_mean
+from dronekeypp.evaluate import BOP_MEASURES, FLIGHT_MEASURES, MEASURES, interval_of_row
 from dronekeypp.files import write_beside
+from dronekeypp.reproduce import without_flights
+from dronekeypp.reproduce.flights import Name, has_flights, shared_values
 
 TEST_SCENES = (6, 7)
-# The metrics of the paper's tables: name, our measure, the paper's, digits. The paper's translation MAE fits
-# a per-axis mean (see evaluate/errors.py).
+# The metrics of the paper's tables: name, our measure, the paper's, digits. How its translation MAE is read:
+# see evaluate/errors.py.
 PRINTED = (
     ("R MAE (deg)", "R_mae_deg", "R_deg_MAE", 2),
     ("R MedAE (deg)", "R_medae_deg", "R_deg_MedAE", 2),
@@ -26,7 +28,21 @@ PRINTED = (
     ("t MedAE (m)", "t_medae_m", "t_m_MedAE", 3),
 )
 
-Name = tuple[str, str | None]  # of a row: its method, and its variant or None
+PER_AXIS_READING = (
+    "the paper's MAE fits a per-axis mean for DroneKey++ and DronePose, where it lies below the median by "
+    "about √3, and does not for DroneKey and YOLOv8n-pose + PnP, where it lies above."
+)
+MEDIANS = ("R_medae_deg", "t_medae_m")
+# Rows with intervals have them on means. A median of a column has none: frames of a flight resemble each
+# other, and only flights are drawn. The mean over flights of a flight's median stands beside, with its own.
+OF_FLIGHTS = "_of_flights"
+FLIGHT_MEDIANS = (
+    ("R, a flight's median (deg)", "R_medae_deg" + OF_FLIGHTS, None, 2),
+    ("t, a flight's median (m)", "t_medae_m" + OF_FLIGHTS, None, 3),
+)
+FIELD = tuple(key for key in BOP_MEASURES if key.endswith("recall"))  # of ADD, MSSD and MSPD
+HIGHER_IS_BETTER = ("class_accuracy", "pck", *FIELD)
+LISTS = {"test": "rows", "val": "validation"}  # the rows of a result by split
 
 # --- rows of a recorded result ----------------------------------------------------------------------------
 
@@ -41,17 +57,18 @@ def methods(recorded: dict[str, Any]) -> list[Name]:
     return list(dict.fromkeys((row["method"], row["variant"]) for row in recorded["rows"]))
 
 
-def drones(recorded: dict[str, Any]) -> list[str]:
+def drones(recorded: dict[str, Any], split: str = "test") -> list[str]:
     """Return the drones of a recorded result, in class order.
 
     A data set with other drones does not change how the recorded tables of seven are read.
     """
-    return list(dict.fromkeys(row["drone"] for row in recorded["rows"]))
+    return list(dict.fromkeys(row["drone"] for row in recorded[LISTS[split]]))
 
 
-def columns(recorded: dict[str, Any]) -> list[tuple[int, str]]:
-    """Return (scene, drone) of our columns: scene 6, then scene 7, with the drones in class order."""
-    return list(itertools.product(TEST_SCENES, drones(recorded)))
+def columns(recorded: dict[str, Any], split: str = "test") -> list[tuple[int, str]]:
+    """Return (scene, drone) of our columns: scene by scene, with the drones in class order."""
+    scenes = sorted({row["scene"] for row in recorded[LISTS[split]]})
+    return list(itertools.product(scenes, drones(recorded, split)))
 
 
 def over_seeds(rows: Sequence[dict[str, Any]], key: str) -> float:
@@ -63,48 +80,90 @@ def over_seeds(rows: Sequence[dict[str, Any]], key: str) -> float:
     return float(np.mean(values)) if values else float("nan")
 
 
-def cells(recorded: dict[str, Any], method: str, variant: str | None, key: str) -> list[float]:
+def cells(
+    recorded: dict[str, Any], method: str, variant: str | None, key: str, split: str = "test"
+) -> list[float]:
     """Return a measure of one row in each of `columns`, and their mean.
 
     A value is NaN where there is no such frame.
     """
     by_column: dict[tuple[int, str], list[dict[str, Any]]] = {}
-    for row in recorded["rows"]:
+    for row in recorded[LISTS[split]]:
         if (row["method"], row["variant"]) == (method, variant):
             by_column.setdefault((row["scene"], row["drone"]), []).append(row)
-    values = [over_seeds(by_column.get(column, []), key) for column in columns(recorded)]
+    values = [over_seeds(by_column.get(column, []), key) for column in columns(recorded, split)]
     mean = float("nan") if np.isnan(values).all() else float(np.nanmean(values))
     return [*values, mean]
 
 
-def by_seed(recorded: dict[str, Any], method: str, variant: str | None, key: str) -> list[float]:
+def by_seed(
+    recorded: dict[str, Any], method: str, variant: str | None, key: str, split: str = "test"
+) -> list[float]:
     """Return the mean over the columns of every seed by itself, in the seeds' order.
 
     Seeds that did not measure it are left out.
     """
     rows_of: dict[int, list[dict[str, Any]]] = {}
-    for row in recorded["rows"]:
+    for row in recorded[LISTS[split]]:
         rows_of.setdefault(row["seed"], []).append(row)
     means = []
     for seed in sorted(rows_of):
-        mean = cells({"rows": rows_of[seed]}, method, variant, key)[-1]
+        mean = cells({LISTS[split]: rows_of[seed]}, method, variant, key, split)[-1]
         if not np.isnan(mean):
             means.append(mean)
     return means
 
 
-def average(recorded: dict[str, Any], method: str, variant: str | None) -> dict[str, Any]:
+def average(
+    recorded: dict[str, Any], method: str, variant: str | None, split: str = "test"
+) -> dict[str, Any]:
     """Return every measure of a row, averaged over the seeds and the columns.
 
-    A measure is None where it was not predicted. KEY_ci95 is its 95 % interval over the columns.
+    A measure is None where it was not predicted. KEY_ci95 is the 95 % interval of a mean, over flights and
+    seeds. A median over a column has none: KEY_of_flights is the mean over flights of a flight's median, and
+    KEY_of_flights_ci95 its interval.
     """
     result: dict[str, Any] = {}
-    for key in MEASURES:
-        *values, mean = cells(recorded, method, variant, key)
+    for key in (*MEASURES, *FIELD):
+        *values, mean = cells(recorded, method, variant, key, split)
         result[key] = None if np.isnan(mean) else mean
-        if np.isfinite(values).all():
-            result[f"{key}_ci95"] = interval_of_mean(values)
+        if not has_flights(recorded):
+            limits = without_flights.interval_of_sequences(values)
+            result |= {f"{key}_ci95": limits} if limits else {}
+    return result | _flight_intervals(recorded, (method, variant), split)
+
+
+def _flight_intervals(recorded: dict[str, Any], name: Name, split: str) -> dict[str, Any]:
+    """Return what `average` adds from the flights of a row; nothing where there are none."""
+    result: dict[str, Any] = {}
+    for key in FLIGHT_MEASURES if has_flights(recorded) else ():
+        for values in shared_values(recorded, [name], key, split):
+            shown = key
+            if key in MEDIANS:
+                shown = key + OF_FLIGHTS
+                result[shown] = float(values.mean())
+            result[f"{shown}_ci95"] = interval_of_row(values)
     return result
+
+
+def with_intervals(recorded: dict[str, Any]) -> tuple:
+    """Return the columns of a table of rows with intervals, like PRINTED."""
+    return PRINTED + FLIGHT_MEDIANS if has_flights(recorded) else PRINTED
+
+
+def interval_note(recorded: dict[str, Any]) -> str:
+    """Say what is drawn for the intervals of rows."""
+    if not has_flights(recorded):
+        return without_flights.INTERVAL_NOTE
+    return (
+        "The interval of a mean draws flights and seeds. A median over a column has none; the mean over "
+        "flights of a flight's median stands beside, with its own."
+    )
+
+
+def seeds_of(recorded: dict[str, Any], name: Name) -> int:
+    """Return the number of seeds behind a row."""
+    return len({row["seed"] for row in recorded["rows"] if (row["method"], row["variant"]) == name})
 
 
 # --- text -------------------------------------------------------------------------------------------------
@@ -149,9 +208,10 @@ def count_seeds(recorded: dict[str, Any]) -> str:
 def heading(recorded: dict[str, Any]) -> str:
     """Say in a sentence or two what a recorded table was made with."""
     data = recorded["dataset"]
+    edition = f"edition {data['edition']}, " if "edition" in data else ""
     budget = ", ".join(f"{key}={value}" for key, value in recorded["budget"].items())
     return (
-        f"Preset `{recorded['preset']}`, {data['train_frames']:,} training frames, "
+        f"Preset `{recorded['preset']}`, {edition}{data['train_frames']:,} training frames, "
         f"{data['test_frames']:,} test frames, {count_seeds(recorded)}, {recorded['hardware']}. "
         f"Budget: {budget or 'as in the preset'}."
     )
@@ -168,7 +228,8 @@ def panels(
 ) -> plt.Figure:
     """Draw one panel for each metric, with one line for each row.
 
-    A line shows our mean with its 95 % interval over the sequences, every seed, and the paper's value.
+    A line shows our mean with its 95 % interval, every seed, and the paper's value. A median over a column
+    has no interval, see `average`.
 
     Args:
         recorded: the result.
@@ -206,7 +267,7 @@ def _panel_line(
     if row[key] is not None:
         limits = row.get(f"{key}_ci95") or (row[key], row[key])
         ax.plot(limits, [y, y], color="#0072B2", linewidth=1.5)
-        label = "measured here, 95 % interval over the sequences"
+        label = "measured here, 95 % interval"
         ax.plot(row[key], y, "o", color="#0072B2", markersize=5, label=label)
     if len(seeds) > 1:
         ax.plot(seeds, [y] * len(seeds), "|", color="black", markersize=7, label="each seed")
