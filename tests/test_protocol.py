@@ -8,7 +8,7 @@ from dronekeypp.evaluate import (
     FLIGHT_MEASURES,
     MEASURES,
     bootstrap,
-    compare,
+    compare_rows,
     flight_errors,
     interval_of_row,
 )
@@ -75,12 +75,12 @@ def test_a_flight_has_the_means_and_medians_of_its_frames():
 
 def test_a_difference_draws_the_same_flights_for_both_rows():
     flights = np.random.default_rng(0).normal(5, 10, (1, 42))  # easy and hard ones, the same for both
-    apart = compare(flights + 1, flights)
+    apart = compare_rows(flights + 1, flights)
     assert apart.interval == pytest.approx((1, 1)) and apart.verdict == "worse?"
     low, high = interval_of_row(flights)
     assert high - low > 4  # the flights alone would hide it
-    assert compare(flights, flights).verdict == "not told apart"
-    assert compare(flights, flights + 1, more_is_better=True).verdict == "worse?"
+    assert compare_rows(flights, flights).verdict == "not told apart"
+    assert compare_rows(flights, flights + 1, more_is_better=True).verdict == "worse?"
 
 
 def test_seeds_make_an_interval_wider():
@@ -100,7 +100,7 @@ def test_equal_rows_are_told_apart_about_once_in_twenty(monkeypatch, seeds, of_s
     apart = 0
     for _ in range(400):
         ours, theirs = (row(rng, 10, seeds, of_seed, of_flight) for _ in range(2))
-        apart += compare(ours, theirs).verdict != "not told apart"
+        apart += compare_rows(ours, theirs).verdict != "not told apart"
     assert 0.025 < apart / 400 < 0.085
 
 

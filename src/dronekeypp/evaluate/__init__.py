@@ -8,7 +8,7 @@ from dronekeypp.evaluate.bootstrap import (
     ENOUGH_SEEDS,
     NOT_TOLD_APART,
     Difference,
-    compare,
+    compare_rows,
     interval_of_row,
 )
 from dronekeypp.evaluate.bop_measures import BOP_COLUMNS, BOP_MEASURES, bop_errors
@@ -52,7 +52,7 @@ __all__ = [
     "averages",
     "batches_of",
     "bop_errors",
-    "compare",
+    "compare_rows",
     "constant_baseline",
     "evaluate",
     "evaluate_checkpoint",

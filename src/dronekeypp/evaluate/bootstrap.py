@@ -55,7 +55,9 @@ class Difference:
         return word if min(self.seeds.shape) >= ENOUGH_SEEDS else f"{word}?"
 
 
-def compare(ours: np.ndarray, theirs: np.ndarray, more_is_better: bool = False, seed: int = 0) -> Difference:
+def compare_rows(
+    ours: np.ndarray, theirs: np.ndarray, more_is_better: bool = False, seed: int = 0
+) -> Difference:
     """Return the difference of two rows that saw the same flights.
 
     Args:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from dronekeypp.evaluate import Difference, compare
+from dronekeypp.evaluate import Difference, compare_rows
 from dronekeypp.reproduce import without_flights
 from dronekeypp.reproduce.flights import Name, has_flights, shared_values
 from dronekeypp.reproduce.tables import HIGHER_IS_BETTER, PRINTED, by_seed, cells, line, title
@@ -45,7 +45,7 @@ def difference(
         seeds, their_seeds = by_seed(recorded, *name, key), by_seed(recorded, *reference, key)
         return without_flights.difference_of_sequences(ours, theirs, seeds, their_seeds)
     rows = shared_values(recorded, [name, reference], key, split)
-    return compare(*rows, more_is_better=key in HIGHER_IS_BETTER) if rows else None
+    return compare_rows(*rows, more_is_better=key in HIGHER_IS_BETTER) if rows else None
 
 
 def difference_text(apart: Difference | None, digits: int, with_verdict: bool = True) -> str:

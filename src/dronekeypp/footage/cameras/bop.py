@@ -13,7 +13,7 @@ from dronekeypp.errors import InputError
 from dronekeypp.files import read_json
 from dronekeypp.footage.cameras import opencv
 from dronekeypp.footage.cameras.keys import Entries
-from dronekeypp.footage.cameras.readings import FOCAL, Reading, matrix, take_size
+from dronekeypp.footage.cameras.readings import FOCAL, Reading, intrinsics_matrix, take_size
 from dronekeypp.footage.pictures import CAMERA_FILE, BopScene
 
 INFO_FILE = "scene_gt_info.json"  # of a scene; it says which images are crops
@@ -45,7 +45,7 @@ def read_camera_file(tree: dict[str, Any], entries: Entries) -> Reading:
     keys: dict[str, str] = {}
     if "cam_K" in tree:
         found = entries.take("camk")
-        K = matrix(found.value if found else None, f"{entries.file}: cam_K")
+        K = intrinsics_matrix(found.value if found else None, f"{entries.file}: cam_K")
         keys["K"] = "cam_K"
     else:
         K = opencv.matrix_from(entries, FOCAL, keys)
@@ -71,13 +71,13 @@ def read_scene(tree: Any, path: Path) -> Reading:
         )
     if cameras[0] is None:
         raise InputError(f"{path}: its frames have no cam_K, which needs 3×3 numbers")
-    K = matrix(cameras[0], f"{path}: cam_K")
+    K = intrinsics_matrix(cameras[0], f"{path}: cam_K")
     return Reading("BOP scene_camera.json", K, 0.5, keys={"K": "cam_K"})
 
 
 def read_image(entry: Any, where: str) -> Reading:
     """Read the camera of one image of a scene; `where` begins the messages."""
-    K = matrix(matrix_of(entry), f"{where}: cam_K")
+    K = intrinsics_matrix(matrix_of(entry), f"{where}: cam_K")
     return Reading("BOP scene_camera.json", K, 0.5, keys={"K": "cam_K of the first frame; each has its own"})
 
 

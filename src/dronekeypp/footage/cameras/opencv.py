@@ -17,7 +17,7 @@ from dronekeypp.footage.cameras.readings import (
     FOCAL,
     Reading,
     check_coefficients,
-    matrix,
+    intrinsics_matrix,
     matrix_of,
     number,
     numbers,
@@ -48,7 +48,7 @@ def read(entries: Entries) -> Reading:
         raise InputError(
             f"{file}: holds no camera_matrix; write OpenCV's calibration format, or JSON with {example}"
         )
-    K = matrix(found.value, f"{file}: {found.path}")
+    K = intrinsics_matrix(found.value, f"{file}: {found.path}")
     keys = {"K": found.path}
     _check_focal(entries, K, found.path)
     distortion, fisheye = take_distortion(entries, keys)

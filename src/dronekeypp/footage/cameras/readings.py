@@ -106,7 +106,7 @@ def number(value: Any, where: str) -> float:
     return float(array)
 
 
-def matrix(value: Any, where: str) -> np.ndarray:
+def intrinsics_matrix(value: Any, where: str) -> np.ndarray:
     """Return a camera matrix (3, 3), or raise InputError with a message that begins with `where`."""
     K = numbers(value, where)
     if K.shape not in ((3, 3), (9,), (1, 9), (9, 1)):
