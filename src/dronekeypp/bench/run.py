@@ -23,10 +23,9 @@ from dronekeypp.bench.rows import detector_of, detectors_beside, row_of, table
 from dronekeypp.bench.stages import Facts
 from dronekeypp.bench.worker import Round, prepare, run
 from dronekeypp.errors import InputError
-from dronekeypp.evaluate.run import check_writable
 from dronekeypp.export import export
 from dronekeypp.exported import OnnxNetwork
-from dronekeypp.files import write_json
+from dronekeypp.files import check_writable, write_json
 
 
 def bench(
@@ -93,13 +92,13 @@ def bench(
         "rows": _rows(participants),
         **rendering,
     }
+    if json_file:  # before it is printed: nobody may be reading
+        write_json(Path(json_file), result, indent=1)
     if progress:
         print(table(result["rows"]))
         if result.get("rendering"):
             line = "generate: {frames_per_s} crops of {size} px a second, {workers} workers"
             print(line.format(**result["rendering"]))
-    if json_file:
-        write_json(Path(json_file), result, indent=1)
     return result
 
 

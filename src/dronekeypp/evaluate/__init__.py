@@ -12,6 +12,7 @@ from dronekeypp.evaluate.run import (
     batches_of,
     constant_baseline,
     evaluate,
+    loading,
     share_drones,
     to_device,
 )
@@ -45,6 +46,7 @@ __all__ = [
     "frame_errors",
     "interval_of_mean",
     "json_values",
+    "loading",
     "measure",
     "share_drones",
     "summarise",
