@@ -26,6 +26,7 @@ from dronekeypp.errors import InputError
 from dronekeypp.export import export
 from dronekeypp.exported import OnnxNetwork
 from dronekeypp.files import check_writable, write_json
+from dronekeypp.processes import end_with_parent, ending_children
 
 
 def bench(
@@ -145,8 +146,10 @@ def _measure(
     spawn = multiprocessing.get_context("spawn")
     participants = []
     with ExitStack() as stack:
+        stack.enter_context(ending_children())  # left last, so that nobody waits for what they compute
         for contender in tqdm(chosen, "prepare", leave=False, disable=hidden):
-            process = stack.enter_context(ProcessPoolExecutor(1, mp_context=spawn))
+            pool = ProcessPoolExecutor(1, mp_context=spawn, initializer=end_with_parent, initargs=(True,))
+            process = stack.enter_context(pool)
             facts = process.submit(prepare, contender, folder).result()
             if isinstance(facts, str):
                 who = f"{contender.name}, {contender.engine}, {contender.device}"

@@ -21,6 +21,7 @@ from dronekeypp import __version__
 from dronekeypp.errors import InputError
 from dronekeypp.files import command_line, write_beside
 from dronekeypp.presets import TrainConfig
+from dronekeypp.processes import end_with_parent
 from dronekeypp.reproduce.results import describe, write_result
 from dronekeypp.reproduce.runner import Bench, Run
 from dronekeypp.reproduce.tables import write_figure
@@ -200,6 +201,7 @@ class Table:
 
 def _train(table: Table, job: Job, threads: int) -> None:
     """Make the training of a job in a process of its own."""
+    end_with_parent()
     torch.set_num_threads(threads)
     table.train(job)
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -24,11 +24,14 @@ from dronekeypp import __version__
 from dronekeypp.environments.cache import environment_files
 from dronekeypp.errors import InputError
 from dronekeypp.files import digest
+from dronekeypp.processes import end_with_parent
 from dronekeypp.sixdronesyn import scenes
 from dronekeypp.sixdronesyn.drones import EDITION, EDITIONS
 from dronekeypp.sixdronesyn.flight import Flight, annotation_digest, render_flight
-from dronekeypp.sixdronesyn.manifest import finish, lock, start_manifest
+from dronekeypp.sixdronesyn.manifest import check_root, finish, lock, start_manifest
 from dronekeypp.sixdronesyn.manifest_check import KINDS
+from dronekeypp.sixdronesyn.meshes import drone_mesh
+from dronekeypp.sixdronesyn.panorama import check_size, load_panorama
 from dronekeypp.sixdronesyn.render import check_opengl
 
 __all__ = ["Flight", "annotation_digest", "finish", "generate"]
@@ -90,8 +93,6 @@ def generate(
     _check_quadrotors(quadrotors, drone_names, edition)
     if edition == 1 and (depth or masks):
         raise InputError("depth images and masks belong to the second edition; add --edition 2")
-    check_opengl()
-    files = environment_files(environments, workers=workers, progress=progress)
     settings = {
         "version": __version__,
         "edition": edition,
@@ -103,8 +104,14 @@ def generate(
         "depth": depth,
         "masks": masks,
         "environments": "procedural" if environments is None else Path(environments).resolve().name,
-        "environment_digests": {Path(file).name: digest(Path(file).read_bytes()) for file in files},
     }
+    begun = check_root(root, settings).get("settings", {})
+    if environments is not None:
+        environment_files(environments)  # before the time that all other checks take
+    check_opengl()
+    _check_meshes(drone_names, edition, begun.get("own_drones", {}))
+    files = environment_files(environments, workers=workers, progress=progress)
+    settings["environment_digests"] = _check_panoramas(files, begun.get("environment_digests", {}))
     root.mkdir(parents=True, exist_ok=True)
     with lock(root):
         plan = start_manifest(root, settings, scene_numbers, drone_names)
@@ -152,6 +159,33 @@ def _check_arguments(
         raise InputError(f"shard {shard[0]}/{shard[1]}: I counts from 0 to N − 1")
 
 
+def _check_meshes(drone_names: Sequence[str] | None, edition: int, begun: Mapping[str, str]) -> None:
+    """Read the meshes of the drones of your own that will fly, but for those that the data set `begun` with.
+
+    Raises:
+        InputError: one cannot be used. The message names its file.
+    """
+    for drone in EDITIONS[edition].values():
+        flies = drone_names is None or drone.name in drone_names
+        if drone.mesh is not None and flies and begun.get(drone.name) != drone.digest:
+            drone_mesh(drone)
+
+
+def _check_panoramas(files: Sequence[Path], begun: Mapping[str, str]) -> dict[str, str]:
+    """Return {name: digest} of the panoramas. Those that the data set did not begin with are decoded.
+
+    Raises:
+        InputError: one cannot be used. The message names its file.
+    """
+    digests = {}
+    for file in files:
+        check_size(file)
+        digests[file.name] = digest(file.read_bytes())
+        if begun.get(file.name) != digests[file.name]:
+            load_panorama(file)
+    return digests
+
+
 def _check_quadrotors(
     quadrotors: tuple[int, int] | None, drone_names: Sequence[str] | None, edition: int
 ) -> None:
@@ -177,6 +211,7 @@ def _work(
     threads: int,
 ) -> scenes.Subsequence:
     """Render one flight in a worker, and return it."""
+    end_with_parent()
     if threading.current_thread() is not threading.main_thread():
         # A Dask worker has threads of its own; OpenGL wants the same one at all times.
         job = _DRAWING.submit(_render, root, subsequence, settings, environments, stride, threads)

@@ -147,7 +147,7 @@ def train_on(
         if not resuming:
             prepare(state, train_set)  # what cannot be learned from leaves no folder behind
         if main:
-            make_folder(out)
+            out.mkdir(parents=True, exist_ok=True)
             held.enter_context(lock_folder(out))
         if dist.is_initialized():
             dist.barrier()
