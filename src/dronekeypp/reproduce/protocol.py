@@ -9,7 +9,7 @@ from __future__ import annotations
 import platform
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import joblib
@@ -68,10 +68,14 @@ class Table:
         Raises:
             InputError: `prepare` raises it, or the budget has a setting that none of the trainings uses.
         """
+        self.check(bench, seeds)
         self.prepare(bench)
-        jobs = self.jobs(bench, seeds)
-        self.check_budget(bench, jobs)
-        return self.run_jobs(bench, jobs)
+        return self.run_jobs(bench, self.jobs(bench, seeds))
+
+    def check(self, bench: Bench, seeds: int | None) -> None:
+        """Raise InputError for what is wrong with the arguments, before anything is rendered."""
+        quiet = replace(bench, progress=False)
+        self.check_budget(quiet, self.jobs(quiet, seeds))
 
     def prepare(self, bench: Bench) -> None:
         """Make what all jobs need.

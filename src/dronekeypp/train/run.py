@@ -45,6 +45,7 @@ from dronekeypp.model.backbone import find_weights
 from dronekeypp.presets import TrainConfig
 from dronekeypp.settings import Settings
 from dronekeypp.train.loop import check_sets, choose_device, fit, prepare
+from dronekeypp.train.memory import check_memory
 from dronekeypp.train.state import BrokenState, TrainState, check_settings, run_settings
 
 LAST, METRICS = "last.safetensors", "metrics.csv"
@@ -137,8 +138,10 @@ def train_on(
         if main:
             check_folder(out, settings, resume)
         resuming = resume and (out / LAST).is_file()
+        device = choose_device(config)
+        check_memory(network, model_config, config, len(train_set), device)
         torch.manual_seed(config.seed)  # the network's first weights
-        model = network(model_config, load_backbone=not resuming).to(choose_device(config))
+        model = network(model_config, load_backbone=not resuming).to(device)
         drones = data.drones_of(train_set)
         if drones is not None:
             model.know(drones)
