@@ -49,7 +49,9 @@ def end_with_parent(group: bool = False) -> None:
 
 
 def _is_there(process: int) -> bool:
-    """Tell whether there is a process with this number."""
+    """Tell whether there is a process with this number that has not ended."""
+    with contextlib.suppress(OSError, IndexError), open(f"/proc/{process}/stat") as file:
+        return file.read().rpartition(")")[2].split()[0] not in ("Z", "X")  # ended, and not looked after yet
     try:
         os.kill(process, 0)
     except ProcessLookupError:

@@ -145,8 +145,8 @@ def _measure(
     hidden = None if progress else True  # None: shown in a terminal only
     spawn = multiprocessing.get_context("spawn")
     participants = []
-    with ExitStack() as stack:
-        stack.enter_context(ending_children())  # left last, so that nobody waits for what they compute
+    # Children are ended before their pools are left: a pool would wait for what they compute.
+    with ExitStack() as stack, ending_children():
         for contender in tqdm(chosen, "prepare", leave=False, disable=hidden):
             pool = ProcessPoolExecutor(1, mp_context=spawn, initializer=end_with_parent, initargs=(True,))
             process = stack.enter_context(pool)

@@ -58,7 +58,8 @@ def environment_files(
         folder.mkdir(parents=True, exist_ok=True)
         remove_unfinished(folder, [file.name for file in files])
         jobs = [joblib.delayed(_draw)(file) for file in missing]
-        pool = joblib.Parallel(n_jobs=min(workers, len(missing)), return_as="generator_unordered")
+        workers = min(workers, len(missing))
+        pool = joblib.Parallel(workers, return_as="generator_unordered", initializer=end_with_parent)
         for _ in tqdm(pool(jobs), total=len(missing), unit="panorama", disable=None if progress else True):
             pass
     return files
@@ -93,6 +94,5 @@ def _draw(path: Path) -> None:
 
     The file appears at once under its name: another process that draws the same one does no harm.
     """
-    end_with_parent()
     image = cv2.cvtColor(render_environment(path.stem), cv2.COLOR_RGB2BGR)
     write_beside(path, cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 92])[1].tobytes())

@@ -139,7 +139,8 @@ class Table:
             return
         threads = max(1, torch.get_num_threads() // side_by_side)
         calls = [joblib.delayed(_train)(self, job, threads) for job in jobs]
-        yield from joblib.Parallel(n_jobs=side_by_side, return_as="generator", batch_size=1)(calls)
+        pool = joblib.Parallel(side_by_side, return_as="generator", batch_size=1, initializer=end_with_parent)
+        yield from pool(calls)
 
     def train(self, job: Job) -> None:
         """Make the training of a job, or what is left of it."""
@@ -205,7 +206,6 @@ class Table:
 
 def _train(table: Table, job: Job, threads: int) -> None:
     """Make the training of a job in a process of its own."""
-    end_with_parent()
     torch.set_num_threads(threads)
     table.train(job)
 

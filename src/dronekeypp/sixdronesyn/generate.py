@@ -121,8 +121,10 @@ def generate(
     where, files = root.absolute(), [Path(file).absolute() for file in files]
     jobs = [joblib.delayed(_work)(where, flight, settings, files, stride, threads) for flight in chosen]
     total = sum(len(scenes.frame_numbers(flight, stride)) for flight in chosen)
+    # A cluster's workers are nobody's children, and take no initializer.
+    pool = joblib.Parallel(workers, return_as="generator_unordered", initializer=end_with_parent)
     with tqdm(total=total, unit="frame", disable=None if progress else True, smoothing=0.05) as bar:
-        for flight in joblib.Parallel(n_jobs=workers, return_as="generator_unordered")(jobs):
+        for flight in pool(jobs):
             bar.update(len(scenes.frame_numbers(flight, stride)))
     return finish(root)
 
@@ -211,7 +213,6 @@ def _work(
     threads: int,
 ) -> scenes.Subsequence:
     """Render one flight in a worker, and return it."""
-    end_with_parent()
     if threading.current_thread() is not threading.main_thread():
         # A Dask worker has threads of its own; OpenGL wants the same one at all times.
         job = _DRAWING.submit(_render, root, subsequence, settings, environments, stride, threads)
