@@ -24,7 +24,7 @@ from dronekeypp import __version__
 from dronekeypp.environments.cache import environment_files
 from dronekeypp.errors import InputError
 from dronekeypp.files import digest
-from dronekeypp.processes import end_with_parent
+from dronekeypp.processes import end_with_parent, total_memory
 from dronekeypp.sixdronesyn import scenes
 from dronekeypp.sixdronesyn.drones import EDITION, EDITIONS
 from dronekeypp.sixdronesyn.flight import Flight, annotation_digest, render_flight
@@ -36,6 +36,7 @@ from dronekeypp.sixdronesyn.render import check_opengl
 
 __all__ = ["Flight", "annotation_digest", "finish", "generate"]
 
+WORKER = 0.2e9  # bytes that a rendering process takes at least
 _DRAWING = ThreadPoolExecutor(1, "drawing")  # of a process that is called from threads
 
 
@@ -157,6 +158,11 @@ def _check_arguments(
         raise InputError(f"size {size}: a crop is 32 to 1024 pixels wide")
     if stride < 1 or workers < 1 or seed < 0:
         raise InputError("stride and workers must be at least 1, seed at least 0")
+    memory = total_memory()
+    if memory is not None and workers * WORKER > memory:
+        raise InputError(
+            f"workers {workers}: each takes {WORKER / 1e9} GB, and there are {memory / 1e9:.0f} GB"
+        )
     if not 0 <= shard[0] < shard[1]:
         raise InputError(f"shard {shard[0]}/{shard[1]}: I counts from 0 to N − 1")
 
