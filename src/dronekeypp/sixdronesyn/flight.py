@@ -114,7 +114,8 @@ class Flight:
 
         The camera stands still, so once is enough for all of them.
         """
-        panorama = _panorama(self.environment_file)
+        digests = self.settings.get("environment_digests", {})
+        panorama = _panorama(self.environment_file, digests.get(self.environment_file.name))
         light = panorama.light(self.turn)
         cam_R = self.path.camera.R
         self.light = {
@@ -184,7 +185,8 @@ def _renderer(drone: Drone, resolution: int) -> DroneRenderer:
 
 
 @lru_cache(maxsize=2)
-def _panorama(path: Path) -> Panorama:
+def _panorama(path: Path, content: str | None) -> Panorama:
+    """Return a panorama; `content` is its digest, since the file may be replaced while this process runs."""
     return load_panorama(path)
 
 

@@ -77,11 +77,8 @@ def _check_stl(path: Path) -> None:
         return
     words = content.split()
     corners = [i for i, word in enumerate(words) if word.lower() == b"vertex"]
-    if (
-        not content.lstrip()[:5].lower() == b"solid"
-        or not corners
-        or words.count(b"endfacet") * 3 != len(corners)
-    ):
+    whole = words[:1] == [b"solid"] and b"endsolid" in words
+    if not whole or not corners or words.count(b"endfacet") * 3 != len(corners):
         raise InputError(f"{path}: not a whole STL file; export the mesh again")
     try:
         points = np.array([words[i + 1 : i + 4] for i in corners], dtype=float)

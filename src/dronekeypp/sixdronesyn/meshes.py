@@ -5,6 +5,7 @@
 surface: the opacity of a spot is the share of the exposure in which a blade covered it.
 """
 
+import warnings
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -174,7 +175,10 @@ def read_body(drone: Drone) -> pv.PolyData:
     """
     check_mesh(drone.mesh)
     try:
-        mesh = pv.read(drone.mesh).extract_surface(algorithm="dataset_surface").triangulate()
+        with warnings.catch_warnings():
+            warnings.filterwarnings("error", "The VTK reader")
+            mesh = pv.read(drone.mesh)
+        mesh = mesh.extract_surface(algorithm="dataset_surface").triangulate()
         colours = _point_colours(mesh)
         mesh.clear_data()
         if colours is not None:
