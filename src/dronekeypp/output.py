@@ -15,14 +15,25 @@ class OutputGone(OSError):
     """Stdout cannot be written: its reader has gone, or its disk is full."""
 
 
-class _Stdout(io.FileIO):
+class _Stdout(io.TextIOWrapper):
     """Write to stdout. An error of its own kind says that it was this file, and not another, that failed."""
 
-    def write(self, data: bytes | memoryview) -> int | None:
-        try:
-            return super().write(data)
-        except OSError as error:
-            raise OutputGone(error.errno, error.strerror) from None
+    def write(self, text: str) -> int:
+        with _of_stdout():
+            return super().write(text)
+
+    def flush(self) -> None:
+        with _of_stdout():
+            super().flush()
+
+
+@contextlib.contextmanager
+def _of_stdout() -> Iterator[None]:
+    """Raise OutputGone in place of any other OSError."""
+    try:
+        yield
+    except OSError as error:
+        raise OutputGone(error.errno, error.strerror) from None
 
 
 @contextlib.contextmanager
@@ -39,13 +50,13 @@ def printing() -> Iterator[None]:
     try:
         if before is None or before is not sys.__stdout__:
             raise io.UnsupportedOperation
-        file = _Stdout(before.fileno(), "w", closefd=False)
+        file = open(before.fileno(), "wb", closefd=False)
     except (OSError, ValueError):  # it is closed, or no file
         yield
         return
     before.flush()
-    sys.stdout = io.TextIOWrapper(
-        io.BufferedWriter(file),
+    sys.stdout = _Stdout(
+        file,
         encoding=before.encoding,
         errors="replace",
         line_buffering=before.line_buffering,
