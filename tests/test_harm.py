@@ -311,3 +311,19 @@ def test_a_checkpoint_whose_config_asks_for_all_memory_is_refused(tmp_path):
     path.write_text(path.read_text().replace(f'"decoder_width": {small}', '"decoder_width": 65536'))
     with pytest.raises(InputError, match="config.json describes a network of .* do not belong together"):
         checkpoint.load(folder)
+
+
+@pytest.mark.parametrize("name", ["manifest.json", "models/models_info.json", "train/000110/scene_gt.json"])
+def test_a_file_nested_without_end_is_one_line(name, small_dataset, tmp_path, capsys):
+    root = tmp_path / "set"
+    shutil.copytree(small_dataset, root)
+    assert (root / name).is_file()
+    (root / name).write_text("[" * 500_000 + "]" * 500_000)
+    assert cli.main(["train", str(root), "--out", str(tmp_path / "run")]) == 2
+    [line] = capsys.readouterr().err.splitlines()
+    assert str(root / name) in line and not (tmp_path / "run").exists()
+
+
+def test_settings_nested_without_end_are_one_line():
+    with pytest.raises(InputError, match="TrainConfig is not valid JSON"):
+        TrainConfig.from_json("[" * 500_000 + "]" * 500_000)
