@@ -319,4 +319,4 @@ except InputError as error:
     write(folder, {**RACER, "hubs": (np.array(HUBS) + [0, 0, 1]).tolist()})
     assert "its middle is 1.03 m away from that of its hubs" in run(probe, folder)
     (folder / "racer.stl").write_bytes(b"nothing")
-    assert "not a mesh that PyVista reads" in run(probe, folder)
+    assert "racer.stl: not a whole STL file; export the mesh again" in run(probe, folder)

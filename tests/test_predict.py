@@ -621,9 +621,8 @@ def test_what_a_kill_while_writing_left_behind_is_removed(footage, small, tmp_pa
     images, camera, boxes, _ = footage
     out = tmp_path / "out"
     out.mkdir()
-    left = (".overlay.tmp.mp4", ".overlay.mp4.7.tmp.mp4", ".frames.csv.7.tmp.csv", ".settings.json.7.tmp")
-    for name in left:  # of this version and of older ones
-        (out / name).write_text("half")
+    for name in ("overlay.mp4", "frames.csv", "settings.json"):
+        (out / f".{name}.0123456789abcdef.tmp{Path(name).suffix}").write_text("half")
     predict(small, images, camera, out, boxes=boxes, overlay=False, progress=False)
     written = sorted(path.name for path in out.iterdir())
     assert written == ["frames.csv", "poses.csv", "settings.json", "trajectory.png"]

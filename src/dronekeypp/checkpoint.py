@@ -159,7 +159,24 @@ def read_config(folder: str | Path, kind: type | None = None) -> tuple[str, Sett
             raise InputError(
                 f"{folder / name} not found: a checkpoint is a folder with {CONFIG} and {WEIGHTS}"
             )
-    return parse(read_json(folder / CONFIG), folder / CONFIG, kind)
+    method, config, drones = parse(read_json(folder / CONFIG), folder / CONFIG, kind)
+    if kind is None or kind.method != method:
+        kind = network_class(method)
+    # A weight takes two bytes at least; a small network may have numbers that are not stored.
+    stored, needed = (folder / WEIGHTS).stat().st_size, 2 * count_numbers(kind, config)
+    if needed > stored + 1e8:
+        raise InputError(
+            f"{folder / CONFIG} describes a network of {needed / 2e6:.0f} million weights, "
+            f"and {folder / WEIGHTS} holds {stored / 2e6:.0f} million at most: they do not belong together"
+        )
+    return method, config, drones
+
+
+def count_numbers(network: type[nn.Module], config: Settings) -> int:
+    """Return how many numbers the weights and buffers of a network are, without asking for their memory."""
+    with torch.device("meta"):
+        model = network(config, load_backbone=False)
+    return sum(tensor.numel() for tensor in (*model.parameters(), *model.buffers()))
 
 
 def parse(

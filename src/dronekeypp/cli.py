@@ -1,17 +1,20 @@
 """`python -m dronekeypp VERB` runs one verb a command.
 
-The exit status is 0, or 2 with one line on stderr. Each verb imports what it needs when it is called: `check`
-runs before anything is installed.
+The exit status is 0, or 2 with one line on stderr; it is 130 after Ctrl-C and 143 after SIGTERM. Each verb
+imports what it needs when it is called: `check` runs before anything is installed.
 """
 
 from __future__ import annotations
 
+import contextlib
 import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Sequence
 
 from dronekeypp import arguments
 from dronekeypp.errors import InputError
+from dronekeypp.output import printing
+from dronekeypp.processes import INTERRUPTED, TERMINATED, Terminated, stopping_at_sigterm
 
 Verb = Callable[[Namespace], None]
 
@@ -257,14 +260,17 @@ def parser() -> ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one verb, and return the exit status."""
     try:
-        args = parser().parse_args(argv)
-        args.run(args)
+        with stopping_at_sigterm(), printing():
+            args = parser().parse_args(argv)
+            args.run(args)
     except (InputError, OSError) as error:
         # A data loading process puts its whole traceback into the message; the last line is ours.
         line = (str(error).strip().splitlines() or [type(error).__name__])[-1]
-        print(f"error: {line.removeprefix('dronekeypp.errors.InputError: ')}", file=sys.stderr)
+        with contextlib.suppress(OSError):  # nobody reads that either
+            print(f"error: {line.removeprefix('dronekeypp.errors.InputError: ')}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("stopped", file=sys.stderr)
-        return 130
+    except KeyboardInterrupt as signal:
+        with contextlib.suppress(OSError):
+            print("stopped", file=sys.stderr)
+        return TERMINATED if isinstance(signal, Terminated) else INTERRUPTED
     return 0

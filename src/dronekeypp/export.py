@@ -23,7 +23,7 @@ from torch.utils.data import DataLoader, Dataset
 from dronekeypp import checkpoint
 from dronekeypp.errors import InputError
 from dronekeypp.exported import DESCRIPTION, INPUTS, OnnxNetwork, outputs, require_packages
-from dronekeypp.files import writing_beside
+from dronekeypp.files import check_replaceable, remove_unfinished, writing_beside
 from dronekeypp.model import DroneKeyPP
 
 
@@ -57,12 +57,14 @@ def export(source: str | Path, out_file: str | Path) -> Path:
     out_file = Path(out_file)
     if not checkpoint.is_exported(out_file):
         raise InputError(f"{out_file}: call it .onnx")
+    check_replaceable(out_file)
     network = checkpoint.load(source)
     if not isinstance(network, DroneKeyPP) or network.encoder is None:
         raise InputError(f"{source} is no DroneKey++ with an encoder: nothing to export")
     program = _program(network)
     program.model.metadata_props[DESCRIPTION] = json.dumps(checkpoint.describe(network))
     out_file.parent.mkdir(parents=True, exist_ok=True)
+    remove_unfinished(out_file.parent, (out_file.name,))
     with writing_beside(out_file) as beside:
         program.save(str(beside))
     return out_file

@@ -82,7 +82,7 @@ class OnnxNetwork:
             raise InputError(f"{path} was not written by `python -m dronekeypp export`")
         try:
             description = json.loads(metadata[DESCRIPTION])
-        except json.JSONDecodeError as error:
+        except (ValueError, RecursionError) as error:
             raise InputError(f"{path}: its settings are not valid JSON ({error})") from None
         _, self.config, self.drones = checkpoint.parse(description, path)
         self._check_graph(path)

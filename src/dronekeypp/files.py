@@ -8,15 +8,25 @@ import hashlib
 import json
 import os
 import re
+import secrets
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from filelock import FileLock, Timeout
 
 from dronekeypp.errors import InputError
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
+
+LOCK = ".dronekeypp.lock"  # in a folder that a process is at work in
+# A file that is being written: a dot, the name that it will have, what tells it from any other, its suffix.
+_UNFINISHED = re.compile(r"\.(?P<name>.+)\.[0-9a-f]{16}\.tmp(?:\.[^.]*)?")
 
 
 def read_json(path: str | Path, missing: str = "not found", mend: str = "") -> Any:
@@ -81,7 +91,9 @@ def lock_folder(folder: Path) -> Iterator[None]:
     Raises:
         InputError: another process holds the folder.
     """
-    lock = folder / ".lock"
+    lock = folder / LOCK
+    if lock.is_symlink():
+        raise InputError(f"{lock}: a link, and a lock is a file; remove it")
     try:
         with FileLock(lock, timeout=0):
             try:
@@ -106,18 +118,27 @@ def digest(content: bytes) -> str:
 
 @contextlib.contextmanager
 def writing_beside(path: Path) -> Iterator[Path]:
-    """Give a path beside `path` to write to, and rename it to `path` at the end.
+    """Give a new file beside `path` to write to, and rename it to `path` at the end.
 
     It is renamed only when the block ends without an error. So no reader ever meets half a file, and a kill
-    leaves none under the name of `path`. The path given has the suffix of `path`, because some writers look
-    at it.
+    leaves none under the name of `path`. Its name is random, and nothing of that name was there before, no
+    link either: nobody's file is written over. It has the suffix of `path`, because some writers look at it.
     """
-    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp{path.suffix}")
+    beside = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp{path.suffix}")
+    created = os.open(beside, os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_NOFOLLOW", 0), 0o666)
     try:
+        if fcntl is None:
+            os.close(created)  # Windows renames no open file
+        else:
+            # Held until the end, so that `remove_unfinished` can tell a dead writer from one at work.
+            with contextlib.suppress(OSError):  # some network drives have no locks
+                fcntl.flock(created, fcntl.LOCK_EX | fcntl.LOCK_NB)
         yield beside
         os.replace(beside, path)
     finally:
         beside.unlink(missing_ok=True)
+        if fcntl is not None:
+            os.close(created)
 
 
 def write_beside(path: Path, content: bytes) -> None:
@@ -136,10 +157,93 @@ def write_json(path: Path, value: Any, indent: int | None = None) -> None:
     write_beside(path, (text + "\n").encode())
 
 
-def remove_unfinished(folder: Path) -> None:
-    """Remove the half-written files that a kill has left in a folder; folders in it are not searched."""
-    for path in folder.glob(".*.tmp*"):
-        path.unlink()
+def append_to(path: Path) -> TextIO:
+    """Open a text file to append lines to it. Bytes of file names that are no UTF-8 are kept.
+
+    Raises:
+        InputError: it is a link. Then what is written would go to somebody else's file.
+    """
+    if path.is_symlink():
+        raise InputError(f"{path}: a link, and nothing is written through one; remove it")
+    flags = os.O_CREAT | os.O_APPEND | os.O_WRONLY | getattr(os, "O_NOFOLLOW", 0)
+    return open(os.open(path, flags, 0o666), "a", newline="", encoding="utf-8", errors="surrogateescape")
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder that files of a run are written to, and those above it.
+
+    Raises:
+        InputError: it is a link or a file. Then what is written would go elsewhere, or nowhere.
+    """
+    if path.is_symlink():
+        raise InputError(f"{path}: a link, and nothing is written through one; remove it")
+    if path.exists() and not path.is_dir():
+        raise InputError(f"{path} is a file, not a folder")
+    path.mkdir(parents=True, exist_ok=True)
+
+
+def is_unfinished(path: Path, names: Collection[str]) -> bool:
+    """Tell whether a path is what a kill has left of a file with one of these names."""
+    match = _UNFINISHED.fullmatch(path.name)
+    return match is not None and match["name"] in names and path.is_file() and not path.is_symlink()
+
+
+def remove_unfinished(folder: Path, names: Collection[str]) -> None:
+    """Remove what kills have left in a folder of files with these names; folders in it are not searched.
+
+    Other files stay, whatever they are called, and so does what a process is writing at this moment.
+    """
+    if not folder.is_dir():
+        return
+    for path in list(folder.iterdir()):
+        if is_unfinished(path, names) and not _is_being_written(path):
+            path.unlink(missing_ok=True)
+
+
+def _is_being_written(path: Path) -> bool:
+    """Tell whether a process is in `writing_beside` with this file. Windows does not let it be removed."""
+    if fcntl is None:
+        return False
+    try:
+        file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW)
+    except OSError:  # renamed meanwhile
+        return True
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    finally:
+        os.close(file)
+    return False
+
+
+def holds_nothing(folder: Path, names: Collection[str] = ()) -> bool:
+    """Tell whether a folder holds nothing but what kills have left there of files with these names."""
+    return all(path.name == LOCK or is_unfinished(path, names) for path in folder.iterdir())
+
+
+def check_writable(path: Path) -> None:
+    """Check that a file can be written at a path, and clear what a kill has left of it.
+
+    Raises:
+        InputError: the path is a folder, a link, a pipe or a device, or lies in a folder that does not exist.
+    """
+    check_replaceable(path)
+    if not path.resolve().parent.is_dir():
+        raise InputError(f"{path}: its folder does not exist; make it first")
+    remove_unfinished(path.parent, (path.name,))
+
+
+def check_replaceable(path: Path) -> None:
+    """Check that a path is free, or that a plain file is there, which may be replaced.
+
+    Raises:
+        InputError: the path is a folder, a link, a pipe or a device.
+    """
+    if path.is_dir():
+        raise InputError(f"{path}: a folder, not a file")
+    if path.is_symlink() or (path.exists() and not path.is_file()):
+        raise InputError(f"{path}: a link, a pipe or a device; give the name of a plain file")
 
 
 def natural_order(name: str) -> tuple[list[str | int], str]:

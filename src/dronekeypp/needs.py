@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import importlib.metadata
 import importlib.util
-import os
 import re
 import shutil
 import sys
@@ -18,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dronekeypp.errors import InputError
+from dronekeypp.processes import total_memory
 
 PINNED = "environment.txt"  # of the repository: the packages, with the versions that are tested
 SAMPLES = (
@@ -162,10 +162,10 @@ def disk() -> str:
 
 
 def memory() -> str:
-    try:
-        total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
-    except (ValueError, OSError, AttributeError):  # Windows does not tell
+    whole = total_memory()
+    if whole is None:
         return "not known here"
+    total = whole / 1e9
     if total < MEMORY_GB:
         raise InputError(
             f"{total:.1f} GB, {MEMORY_GB} needed: close something, or run the notebooks one at a time"

@@ -3,6 +3,7 @@
 Every function but `style` draws into an axis and returns it.
 """
 
+import sys
 from collections.abc import Sequence
 
 import matplotlib
@@ -23,8 +24,13 @@ KEYPOINT_LABELS = ("front-left", "front-right", "rear-right", "rear-left")
 def style() -> None:
     """Set small, quiet defaults for every figure of the course.
 
-    Call it once at the top of a notebook.
+    Call it once at the top of a notebook. Where the environment asks for a backend that draws to files only
+    (MPLBACKEND=Agg, as in many containers), a notebook gets the one that shows its figures.
     """
+    ipython = sys.modules.get("IPython")
+    shell = ipython.get_ipython() if ipython else None
+    if hasattr(shell, "kernel") and matplotlib.get_backend().lower() == "agg":
+        shell.run_line_magic("matplotlib", "inline")
     matplotlib.rcParams.update(
         {
             "figure.dpi": 100,

@@ -36,13 +36,13 @@ from dronekeypp.camera import from_crop, rays
 from dronekeypp.classes import DroneClass
 from dronekeypp.data import FrameDataset, open_dataset
 from dronekeypp.errors import InputError
-from dronekeypp.files import command_line, write_beside
+from dronekeypp.files import check_replaceable, command_line, remove_unfinished, write_beside
 from dronekeypp.model.backbone import Backbone, save_backbone
 from dronekeypp.model.base import PoseNetwork
 from dronekeypp.model.config import BackboneConfig
 from dronekeypp.model.encoder import cell_centres
 from dronekeypp.presets import TrainConfig, preset
-from dronekeypp.train import TrainState, choose_device, describe_data, fit
+from dronekeypp.train import BrokenState, TrainState, choose_device, describe_data, fit
 
 
 class PretrainNet(PoseNetwork):
@@ -239,17 +239,22 @@ def pretrain_to(
     itself knows.
     """
     out_file = Path(out_file)
-    if out_file.exists():
+    if out_file.exists() or out_file.is_symlink():
         raise InputError(f"{out_file} exists already; choose another name or remove it")
     half_way = out_file.with_name(out_file.name + ".resume")
     if half_way.exists() and not resume:
         raise InputError(f"{half_way} is left from an earlier run; add --resume to go on, or remove it")
     torch.manual_seed(config.seed)
+    check_replaceable(half_way)
     data = describe_data(train_set, val_set)
     state = TrainState(PretrainNet(model_config).to(choose_device(config)), config, data)
     if half_way.exists():
-        state.load(half_way)
+        try:
+            state.load(half_way)
+        except BrokenState as error:
+            raise InputError(f"{error}: remove it, and start again without --resume") from None
     out_file.parent.mkdir(parents=True, exist_ok=True)
+    remove_unfinished(out_file.parent, (out_file.name, half_way.name))
 
     def keep(state: TrainState) -> None:
         state.save(half_way)

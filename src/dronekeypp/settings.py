@@ -105,7 +105,7 @@ class Settings:
         """
         try:
             values = json.loads(text)
-        except json.JSONDecodeError as error:
+        except (ValueError, RecursionError) as error:
             raise InputError(f"{cls.__name__} is not valid JSON: {error}") from None
         return cls.from_dict(values)
 

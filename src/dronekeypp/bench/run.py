@@ -23,10 +23,10 @@ from dronekeypp.bench.rows import detector_of, detectors_beside, row_of, table
 from dronekeypp.bench.stages import Facts
 from dronekeypp.bench.worker import Round, prepare, run
 from dronekeypp.errors import InputError
-from dronekeypp.evaluate.run import check_writable
 from dronekeypp.export import export
 from dronekeypp.exported import OnnxNetwork
-from dronekeypp.files import write_json
+from dronekeypp.files import check_writable, write_json
+from dronekeypp.processes import end_with_parent, ending_children
 
 
 def bench(
@@ -93,13 +93,13 @@ def bench(
         "rows": _rows(participants),
         **rendering,
     }
+    if json_file:  # before it is printed: nobody may be reading
+        write_json(Path(json_file), result, indent=1)
     if progress:
         print(table(result["rows"]))
         if result.get("rendering"):
             line = "generate: {frames_per_s} crops of {size} px a second, {workers} workers"
             print(line.format(**result["rendering"]))
-    if json_file:
-        write_json(Path(json_file), result, indent=1)
     return result
 
 
@@ -145,9 +145,11 @@ def _measure(
     hidden = None if progress else True  # None: shown in a terminal only
     spawn = multiprocessing.get_context("spawn")
     participants = []
-    with ExitStack() as stack:
+    # Children are ended before their pools are left: a pool would wait for what they compute.
+    with ExitStack() as stack, ending_children():
         for contender in tqdm(chosen, "prepare", leave=False, disable=hidden):
-            process = stack.enter_context(ProcessPoolExecutor(1, mp_context=spawn))
+            pool = ProcessPoolExecutor(1, mp_context=spawn, initializer=end_with_parent, initargs=(True,))
+            process = stack.enter_context(pool)
             facts = process.submit(prepare, contender, folder).result()
             if isinstance(facts, str):
                 who = f"{contender.name}, {contender.engine}, {contender.device}"

@@ -8,7 +8,7 @@ import numpy as np
 
 from dronekeypp.baselines.yolo_layout import HIDDEN, SEEN, UNLABELLED, label_line, write_data_yaml
 from dronekeypp.classes import names_of
-from dronekeypp.files import write_beside, write_json
+from dronekeypp.files import make_folder, write_beside, write_json
 from dronekeypp.frame_dataset import FrameDataset
 from dronekeypp.sixdronesyn.coco import coco
 from dronekeypp.stored import StoredFrame
@@ -30,7 +30,7 @@ def write_yolo(
     """Write a label for each picture, and then data.yaml."""
     for split, frames in splits.items():
         folder = partial / "labels" / split
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         numbers = list(frames.objects)
         for name, drones in pictures[split].items():
             lines = []

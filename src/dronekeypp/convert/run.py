@@ -12,7 +12,18 @@ from tqdm import tqdm
 from dronekeypp.convert.labels import Pictures, box_inside, write_coco, write_yolo
 from dronekeypp.data import open_dataset, require
 from dronekeypp.errors import InputError
-from dronekeypp.files import digest, lock_folder, read_json, remove_unfinished, write_beside, write_json
+from dronekeypp.files import (
+    LOCK,
+    digest,
+    holds_nothing,
+    is_unfinished,
+    lock_folder,
+    make_folder,
+    read_json,
+    remove_unfinished,
+    write_beside,
+    write_json,
+)
 from dronekeypp.frame_dataset import FrameDataset
 from dronekeypp.sixdronesyn import folders, scenes
 from dronekeypp.sixdronesyn.bop import SCENE_FILES
@@ -20,6 +31,9 @@ from dronekeypp.stored import StoredFrame
 
 FORMATS = ("yolo", "coco")
 RECORD = "convert.json"
+# All that stands in a folder that is being made: its folders, and its files.
+FOLDERS = ("images", "labels")
+FILES = (RECORD, "data.yaml", *(f"{split}.json" for split in scenes.SPLITS))
 
 LAYOUT = 2  # raised when this module writes something else for the same data set
 
@@ -77,9 +91,10 @@ def convert(
         for split, frames in splits.items():
             _tell_left_out(f"{root} {split}", frames)
     partial = out.with_name(f".{out.name}.partial")
-    partial.mkdir(parents=True, exist_ok=True)
+    make_folder(partial)
+    _check_partial(partial)
     with lock_folder(partial):
-        _start(partial, record)
+        _start(partial, record, pictures)
         _write_pictures(partial, pictures, progress)
         if to == "yolo":
             write_yolo(partial, splits, pictures, keypoints, types)
@@ -223,18 +238,34 @@ def _is_finished(out: Path, record: dict[str, Any]) -> bool:
     return True
 
 
-def _start(partial: Path, record: dict[str, Any]) -> None:
-    """Keep what a killed run of this very conversion has left in a folder, and clear anything else."""
-    path = partial / RECORD
-    if path.is_file() and read_json(path) == record:
-        for folder in (partial, *partial.glob("*/*/")):
-            remove_unfinished(folder)
+def _check_partial(partial: Path) -> None:
+    """Check that the folder of an unfinished conversion holds one, or nothing.
+
+    Raises:
+        InputError: it holds something else, which is somebody's and stays.
+    """
+    if holds_nothing(partial, FILES):
         return
-    for item in partial.iterdir():
-        if item.is_dir():
-            shutil.rmtree(item)
-        elif item.name != ".lock":
-            item.unlink()
+    for path in partial.iterdir():
+        ours = path.name in (*FOLDERS, *FILES, LOCK) and not path.is_symlink()
+        if not (partial / RECORD).is_file() or not (ours or is_unfinished(path, FILES)):
+            raise InputError(f"{path}: not of a conversion; move {partial} away, or choose another --out")
+
+
+def _start(partial: Path, record: dict[str, Any], pictures: dict[str, Pictures]) -> None:
+    """Keep what a killed run of this very conversion has left in a folder, and clear that of another one."""
+    path = partial / RECORD
+    remove_unfinished(partial, FILES)
+    if path.is_file() and read_json(path) == record:
+        for split, names in pictures.items():
+            remove_unfinished(partial / "images" / split, names)
+            remove_unfinished(partial / "labels" / split, {Path(name).stem + ".txt" for name in names})
+        return
+    for name in FOLDERS:
+        if (partial / name).is_dir():
+            shutil.rmtree(partial / name)
+    for name in FILES:
+        (partial / name).unlink(missing_ok=True)
     write_json(path, record)
 
 
@@ -242,7 +273,7 @@ def _write_pictures(partial: Path, pictures: dict[str, Pictures], progress: bool
     """Link the pictures of each split into a folder. Each is read once, so a broken one is found here."""
     for split, names in pictures.items():
         folder = partial / "images" / split
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         bar = tqdm(names.items(), split, unit="frame", disable=None if progress else True)
         for name, drones in bar:
             if not (folder / name).exists():

@@ -15,7 +15,8 @@ from tqdm import tqdm
 
 from dronekeypp.environments import ENVIRONMENTS, render_environment
 from dronekeypp.errors import InputError
-from dronekeypp.files import write_beside
+from dronekeypp.files import remove_unfinished, write_beside
+from dronekeypp.processes import end_with_parent
 
 SUFFIXES = {".jpg", ".jpeg", ".png"}
 
@@ -55,8 +56,10 @@ def environment_files(
     missing = [file for file in files if not file.exists()]
     if missing:
         folder.mkdir(parents=True, exist_ok=True)
+        remove_unfinished(folder, [file.name for file in files])
         jobs = [joblib.delayed(_draw)(file) for file in missing]
-        pool = joblib.Parallel(n_jobs=min(workers, len(missing)), return_as="generator_unordered")
+        workers = min(workers, len(missing))
+        pool = joblib.Parallel(workers, return_as="generator_unordered", initializer=end_with_parent)
         for _ in tqdm(pool(jobs), total=len(missing), unit="panorama", disable=None if progress else True):
             pass
     return files
@@ -66,10 +69,15 @@ def _images_in(folder: Path) -> list[Path]:
     """Return the images in a folder, sorted. Raises InputError as `environment_files` does."""
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder of environments")
-    files = sorted(file for file in folder.iterdir() if file.suffix.lower() in SUFFIXES)
+    files = sorted(file for file in folder.iterdir() if _is_image(file))
     if not files:
         raise InputError(f"{folder}: no .jpg or .png in it; put equirectangular 2:1 images there")
     return files
+
+
+def _is_image(file: Path) -> bool:
+    """Tell whether a file is meant: one with the suffix of an image, which no program hides."""
+    return file.suffix.lower() in SUFFIXES and not file.name.startswith(".")
 
 
 def _code_version() -> str:

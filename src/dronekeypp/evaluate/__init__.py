@@ -19,6 +19,7 @@ from dronekeypp.evaluate.run import (
     batches_of,
     constant_baseline,
     evaluate,
+    loading,
     share_drones,
     to_device,
 )
@@ -62,6 +63,7 @@ __all__ = [
     "interval_of_mean",
     "interval_of_row",
     "json_values",
+    "loading",
     "measure",
     "share_drones",
     "summarise",

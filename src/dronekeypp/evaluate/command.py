@@ -19,7 +19,7 @@ from dronekeypp import checkpoint, data
 from dronekeypp.classes import are_named, names_of
 from dronekeypp.errors import InputError
 from dronekeypp.evaluate.bop_measures import BOP_COLUMNS, BOP_MEASURES, LEGEND, OF_CROPS, bop_errors
-from dronekeypp.evaluate.run import check_writable, evaluate, share_drones, tells_drones_apart
+from dronekeypp.evaluate.run import evaluate, share_drones, tells_drones_apart
 from dronekeypp.evaluate.statistics import (
     MEASURES,
     Frames,
@@ -28,7 +28,7 @@ from dronekeypp.evaluate.statistics import (
     json_values,
     summarise,
 )
-from dronekeypp.files import write_beside
+from dronekeypp.files import check_writable, write_beside
 from dronekeypp.frame_dataset import FrameDataset, Relabelled
 from dronekeypp.sixdronesyn.object_shapes import ObjectShape, read_shapes
 from dronekeypp.sixdronesyn.results import Estimate, object_numbers, results_csv
@@ -73,13 +73,6 @@ def evaluate_checkpoint(
     if bop_file:
         check_scene_numbers(whole.folders)
     dataset, left_out = share_drones(model, whole)
-    if left_out:
-        print(f"{dataset_root}: {left_out}")
-    if whole.left_out:
-        print(
-            f"{dataset_root}: {whole.left_out} drones left out, the middle of whose box is not in the picture"
-        )
-
     shapes, no_shapes = shapes_of(dataset, whole)
 
     def show(batches: DataLoader) -> tqdm:
@@ -93,13 +86,6 @@ def evaluate_checkpoint(
     measures = {**MEASURES, **BOP_MEASURES} if field else MEASURES
     rows = summarise(frames, names_of(classes), measures, method=model.method)
     means = averages(frames, measures=measures, method=model.method)
-    print(format_table(rows + means))
-    if field:
-        print()
-        print(format_table(rows + means, BOP_COLUMNS))
-    print(note)
-    if not whole.manifest:
-        print(flight_legend(whole))
     if json_file:
         described = {"split": split, "digest": whole.digest}
         result = json_values({"name": "evaluate", "dataset": described, "rows": rows, "averages": means})
@@ -108,6 +94,20 @@ def evaluate_checkpoint(
         numbers = object_numbers(classes, whole.objects)
         estimates = estimates_of(frames, dataset.stored, numbers)
         write_beside(Path(bop_file), results_csv(estimates).encode())
+    # Printed last: nobody may be reading, and what is computed must be kept.
+    if left_out:
+        print(f"{dataset_root}: {left_out}")
+    if whole.left_out:
+        print(
+            f"{dataset_root}: {whole.left_out} drones left out, the middle of whose box is not in the picture"
+        )
+    print(format_table(rows + means))
+    if field:
+        print()
+        print(format_table(rows + means, BOP_COLUMNS))
+    print(note)
+    if not whole.manifest:
+        print(flight_legend(whole))
     return rows
 
 

@@ -5,8 +5,8 @@ The constant answer, which every network has to beat, is measured here too.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from pathlib import Path
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import torch
@@ -22,6 +22,9 @@ from dronekeypp.frame_dataset import FrameDataset, Relabelled
 
 # An error that must be finite, and the part of the output that it needs.
 MUST_BE_FINITE = {"R_deg": "R", "t_m": "t", "keypoint_units": "keypoints"}
+
+# What PyTorch says of a loading process that was killed, or that found /dev/shm full.
+_LOADER_DIED = ("DataLoader worker (pid", "shared memory", "file </torch")
 
 
 def to_device(batch: dict, device: torch.device | str) -> dict[str, torch.Tensor]:
@@ -45,6 +48,27 @@ def batches_of(dataset: Dataset, batch: int, workers: int = 0) -> DataLoader:
         generator=torch.Generator(),
         pin_memory=torch.cuda.is_available(),
     )
+
+
+@contextlib.contextmanager
+def loading(workers: int) -> Iterator[None]:
+    """Say in one line that a process died that loads data.
+
+    PyTorch notices it at any moment, not only where a batch is awaited, and raises RuntimeError.
+
+    Raises:
+        InputError: it died, or found no shared memory to hand its batches over.
+    """
+    try:
+        yield
+    except (RuntimeError, OSError) as error:
+        lines = str(error).strip().splitlines() or [""]
+        if workers == 0 or not any(sign in str(error) for sign in _LOADER_DIED):
+            raise
+        raise InputError(
+            "a process that loads data died, of memory or of shared memory (Docker: --shm-size): "
+            f"--set workers=0 needs neither, and --resume goes on ({lines[-1][:100]})"
+        ) from None
 
 
 def apply_model(model: nn.Module, batch: dict, truth_inputs: Sequence[str] = ()) -> dict:
@@ -80,7 +104,7 @@ def evaluate(
 
     Raises:
         InputError: the data set is empty, lacks a truth, or has other drones than the network knows; or a
-            prediction is not finite (the message names the frame).
+            prediction is not finite (the message names the frame); or a process that loads data died.
     """
     if len(dataset) == 0:
         raise InputError("nothing to evaluate: the data set has no frames")
@@ -95,7 +119,7 @@ def evaluate(
     was_training = network.training
     network.eval()
     try:
-        with torch.inference_mode():
+        with loading(workers), torch.inference_mode():
             loader = batches_of(dataset, batch, workers)
             for items in progress(loader) if progress else loader:
                 items = to_device(items, device)
@@ -222,15 +246,3 @@ def constant_baseline(train_set: Dataset, test_set: Dataset) -> Frames:
     # Only the width of the images is read; one stands for all.
     image = torch.as_tensor(test_set[0]["image"])[None]
     return frame_errors(output, {**test, "image": image})
-
-
-def check_writable(path: Path) -> None:
-    """Check that a file can be written at a path.
-
-    Raises:
-        InputError: the path is a folder, or lies in one that does not exist.
-    """
-    if path.is_dir():
-        raise InputError(f"{path}: a folder, not a file")
-    if not path.resolve().parent.is_dir():
-        raise InputError(f"{path}: its folder does not exist; make it first")

@@ -13,6 +13,11 @@ from typing import Any, ClassVar
 from dronekeypp.errors import InputError
 from dronekeypp.settings import Settings
 
+# Of the encoder, far above any useful size: each setting may be allowed, and all of them together ask for all
+# the memory there is.
+MOST_WEIGHTS = 500_000_000
+MOST_ATTENTION = 500_000_000  # of one frame in one layer
+
 
 @dataclass(frozen=True)
 class BackboneConfig(Settings):
@@ -100,6 +105,18 @@ class EncoderConfig(BackboneConfig):
             raise InputError(f"width={self.width} must be a multiple of heads={self.heads} and of 4")
         if self.dropout >= 1:
             raise InputError(f"dropout={self.dropout:g} must be below 1")
+        weights = self.layers * self.width * (4 * self.width + 2 * self.ffn)
+        if weights > MOST_WEIGHTS:
+            raise InputError(
+                f"layers={self.layers} width={self.width} ffn={self.ffn}: {weights / 1e6:.0f} million "
+                f"weights, at most {MOST_WEIGHTS / 1e6:.0f} million; choose smaller ones"
+            )
+        attention = self.heads * self.tokens**2
+        if attention > MOST_ATTENTION:
+            raise InputError(
+                f"image_size={self.image_size} heads={self.heads}: {attention / 1e6:.0f} million attention "
+                f"weights a layer, at most {MOST_ATTENTION / 1e6:.0f} million; choose smaller ones"
+            )
 
     @property
     def idle_layers(self) -> bool:

@@ -22,21 +22,17 @@ from dronekeypp.predict.journal import (
     COLUMNS,
     GOOD,
     JOURNAL,
+    PICTURE,
     POSES,
     SETTINGS,
+    TRAJECTORY,
+    VIDEO,
     Pose,
     bop_results,
     read_journal,
     to_pose,
 )
-from dronekeypp.predict.overlay import (
-    PICTURE,
-    TRAJECTORY,
-    VIDEO,
-    draw_overlay,
-    draw_trajectory,
-    write_overlay,
-)
+from dronekeypp.predict.overlay import draw_overlay, draw_trajectory, write_overlay
 from dronekeypp.predict.run import predict, smoothed
 
 __all__ = [

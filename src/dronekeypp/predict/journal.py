@@ -13,11 +13,13 @@ import numpy as np
 
 from dronekeypp.classes import DroneClass, names_of
 from dronekeypp.errors import InputError
-from dronekeypp.files import read_json, remove_unfinished, write_beside, write_json
+from dronekeypp.files import holds_nothing, read_json, remove_unfinished, write_beside, write_json
 from dronekeypp.footage import BopScene
 from dronekeypp.sixdronesyn.results import Estimate, results_csv
 
 JOURNAL, POSES, SETTINGS = "frames.csv", "poses.csv", "settings.json"
+VIDEO, PICTURE, TRAJECTORY = "overlay.mp4", "overlay.png", "trajectory.png"
+FILES = (JOURNAL, POSES, SETTINGS, VIDEO, PICTURE, TRAJECTORY)  # all that a run writes
 GOOD = "ok"  # the status of a frame with a pose; any other says why there is none
 
 BOX = ("box_x", "box_y", "box_w", "box_h")
@@ -74,10 +76,8 @@ def check_folder(out: Path) -> dict[str, Any]:
     settings = read_json(out / SETTINGS, mend="choose another folder") if (out / SETTINGS).is_file() else {}
     if isinstance(settings, dict) and {"checkpoint", "footage"} <= settings.keys():
         return settings
-    for path in out.iterdir():
-        unfinished = path.name == ".lock" or path.match(".*.tmp*")
-        if not unfinished:
-            raise InputError(f"{out} is not empty and not a run of predict: choose another folder")
+    if not holds_nothing(out, FILES):
+        raise InputError(f"{out} is not empty and not a run of predict: choose another folder")
     return {}
 
 
@@ -91,7 +91,7 @@ def begin(out: Path, settings: dict[str, Any], drones: Sequence[DroneClass]) -> 
         InputError: The run was begun with other settings, or the folder holds something else.
     """
     old = check_folder(out)
-    remove_unfinished(out)
+    remove_unfinished(out, FILES)
     journal = out / JOURNAL
     begun = journal.is_file() and journal.read_bytes().count(b"\n") > 1  # more than its header
     for name, value in settings.items():

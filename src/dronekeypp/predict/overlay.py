@@ -17,9 +17,8 @@ from dronekeypp.classes import DroneClass
 from dronekeypp.errors import InputError
 from dronekeypp.files import write_beside, writing_beside
 from dronekeypp.footage import DEFAULT_RATE, Calibration, Footage, open_video, writable_rate
-from dronekeypp.predict.journal import POSES, Pose
+from dronekeypp.predict.journal import PICTURE, POSES, VIDEO, Pose
 
-VIDEO, PICTURE, TRAJECTORY = "overlay.mp4", "overlay.png", "trajectory.png"
 AXIS_LENGTH = 0.1  # metres, for a drone whose size is not known
 WHITE, DARK = (255, 255, 255), (40, 40, 40)
 

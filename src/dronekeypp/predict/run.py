@@ -13,8 +13,7 @@ from tqdm import tqdm
 from dronekeypp.checkpoint import weights_file
 from dronekeypp.classes import names_of
 from dronekeypp.errors import InputError
-from dronekeypp.evaluate.run import check_writable
-from dronekeypp.files import digest, lock_folder, write_beside, write_json
+from dronekeypp.files import append_to, check_writable, digest, lock_folder, write_beside, write_json
 from dronekeypp.footage import (
     Footage,
     Tracker,
@@ -29,6 +28,7 @@ from dronekeypp.predict.journal import (
     COLUMNS,
     JOURNAL,
     POSES,
+    TRAJECTORY,
     Pose,
     Row,
     begin,
@@ -37,7 +37,7 @@ from dronekeypp.predict.journal import (
     read_journal,
     to_pose,
 )
-from dronekeypp.predict.overlay import TRAJECTORY, draw_trajectory, write_overlay
+from dronekeypp.predict.overlay import draw_trajectory, write_overlay
 from dronekeypp.predict.summary import box_report, closing_line, summary
 from dronekeypp.sequences import gaussian
 from dronekeypp.sixdronesyn import bop
@@ -91,6 +91,9 @@ def predict(
         raise InputError(f"--smooth {smooth}: seconds, at least 0.001, or 0 for none")
     if boxes is None and (kinds or tracks or count_from is not None):
         raise InputError("--class, --track and --count-from choose among the boxes of --boxes FILE; give it")
+    out = Path(out)
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out} is a file, not a folder")
     if json_file:
         check_writable(Path(json_file))  # before the work, not after it
     source = open_footage(footage)
@@ -122,9 +125,6 @@ def predict(
     else:
         first_box = check_box(box, width, height, "--box")
     settings["boxes"] = given.digest() if given is not None else first_box.tolist()
-    out = Path(out)
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out} is a file, not a folder")
     out.mkdir(parents=True, exist_ok=True)
     check_folder(out)
     with lock_folder(out):
@@ -188,7 +188,7 @@ def append_to_journal(path: Path, batches: Iterable[list[Row]], names: Sequence[
 
     `names` are those of all frames.
     """
-    with open(path, "a", newline="", encoding="utf-8", errors="surrogateescape") as file:
+    with append_to(path) as file:
         journal = csv.DictWriter(file, COLUMNS, restval="", lineterminator="\n")
         for rows in batches:
             for row in rows:

@@ -115,6 +115,9 @@ def reproduce(
         )
     if int(os.environ.get("WORLD_SIZE", 1)) > 1:
         raise InputError("reproduce runs in one process; torchrun is for `train`")
+    if workers < 1 or stride < 1:
+        raise InputError(f"--workers {workers} --stride {stride}: at least 1 of each")
+    _check_folders(Path(root), data, environments, photographs, real)
     table = TABLES[name]() if name in TABLES else AblationTable(name)
     budgets, group = (BUDGETS, "table3") if table.full_budget else (ABLATION_BUDGETS, "ablations")
     root = Path(root)
@@ -133,6 +136,21 @@ def reproduce(
         progress=progress,
     )
     return table.reproduce(bench, seeds)
+
+
+def _check_folders(root: Path, data: str | Path | None, *sources: str | Path | None) -> None:
+    """Check the folders before anything is rendered.
+
+    Raises:
+        InputError: one that is written to is a file, or one that is read is not there.
+    """
+    for folder in (root, *([Path(data)] if data else [])):
+        for place in (folder, *folder.parents):
+            if place.exists() and not place.is_dir():
+                raise InputError(f"{place} is a file, not a folder")
+    for source in sources:
+        if source is not None and not Path(source).is_dir():
+            raise InputError(f"{source}: no such folder")
 
 
 __all__ = ["ABLATION_BUDGETS", "BUDGETS", "Bench", "names", "read_result", "reproduce", "reproduce_all"]

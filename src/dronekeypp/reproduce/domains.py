@@ -56,13 +56,13 @@ class Domains(Table):
     name = "domains"
     full_budget = True
 
-    def prepare(self, bench: Bench) -> None:
-        """Render both data sets.
-
-        Raises:
-            InputError: The photographs are missing or too few, see `benches`.
-        """
+    def check(self, bench: Bench, seeds: int | None) -> None:
+        """Raise InputError also where the photographs are missing or too few, see `benches`."""
         self.benches = benches(bench)
+        super().check(bench, seeds)
+
+    def prepare(self, bench: Bench) -> None:
+        """Render both data sets."""
         for domain in self.benches.values():
             domain.render()
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import platform
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import joblib
@@ -21,6 +21,7 @@ from dronekeypp import __version__
 from dronekeypp.errors import InputError
 from dronekeypp.files import command_line, write_beside
 from dronekeypp.presets import TrainConfig
+from dronekeypp.processes import end_with_parent
 from dronekeypp.reproduce.asked import with_earlier
 from dronekeypp.reproduce.results import describe, result_path, write_result
 from dronekeypp.reproduce.runner import Bench, Run
@@ -78,10 +79,14 @@ class Table:
         Raises:
             InputError: `prepare` raises it, or the budget has a setting that none of the trainings uses.
         """
+        self.check(bench, seeds)
         self.prepare(bench)
-        jobs = self.jobs(bench, seeds)
-        self.check_budget(bench, jobs)
-        return self.run_jobs(bench, jobs)
+        return self.run_jobs(bench, self.jobs(bench, seeds))
+
+    def check(self, bench: Bench, seeds: int | None) -> None:
+        """Raise InputError for what is wrong with the arguments, before anything is rendered."""
+        quiet = replace(bench, progress=False)
+        self.check_budget(quiet, self.jobs(quiet, seeds))
 
     def prepare(self, bench: Bench) -> None:
         """Make what all jobs need.
@@ -145,7 +150,8 @@ class Table:
             return
         threads = max(1, torch.get_num_threads() // side_by_side)
         calls = [joblib.delayed(_train)(self, job, threads) for job in jobs]
-        yield from joblib.Parallel(n_jobs=side_by_side, return_as="generator", batch_size=1)(calls)
+        pool = joblib.Parallel(side_by_side, return_as="generator", batch_size=1, initializer=end_with_parent)
+        yield from pool(calls)
 
     def train(self, job: Job) -> None:
         """Make the training of a job, or what is left of it."""

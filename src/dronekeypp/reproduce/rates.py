@@ -66,15 +66,11 @@ class Rates(Table):
     name = "rates"
     lists = ("rates",)
 
-    def prepare(self, bench: Bench) -> None:
-        """Render the data set.
-
-        Raises:
-            InputError: The budget sets the learning rate, in which the rows differ.
-        """
+    def check(self, bench: Bench, seeds: int | None) -> None:
+        """Raise InputError also where the budget sets the learning rate, in which the rows differ."""
         if "lr" in bench.budget:
             raise InputError("--set lr: the rows of rates differ in it; leave it out")
-        super().prepare(bench)
+        super().check(bench, seeds)
 
     def jobs(self, bench: Bench, seeds: int | None) -> list[Job]:
         usual = usual_rate(bench.preset)

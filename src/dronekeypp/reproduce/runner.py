@@ -185,11 +185,11 @@ class Bench:
     def settings(self, run: Run, seed: int) -> tuple[Settings, TrainConfig]:
         """Return the settings of a run's network and of its training.
 
-        The classes are the data set's drones.
+        The classes are the data set's drones, once it is there.
         """
         changes = {**self.used_budget(run), **run.changes, "seed": seed}
         model, training = presets.preset(self.preset, changes, run.network)
-        if "classes" in type(model).keys() and "classes" not in changes:
+        if "classes" in type(model).keys() and "classes" not in changes and self.drones:
             model = model.replace(classes=len(self.drones))
         return model, training
 

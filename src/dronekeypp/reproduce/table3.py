@@ -116,7 +116,8 @@ class Table3(Table):
 
     def finished(self, job: Job) -> bool:
         if job.run.method == yolo.METHOD:
-            return yolo_finished(job.bench, job.run, job.seed)
+            rendered = (job.bench.data / "manifest.json").is_file()
+            return rendered and yolo_finished(job.bench, job.run, job.seed)
         return super().finished(job)
 
     def train(self, job: Job) -> None:

@@ -8,7 +8,7 @@ goes on.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -18,11 +18,12 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from dronekeypp.camera import clamp_square, project, square_around
-from dronekeypp.files import digest
+from dronekeypp.files import append_to, digest, make_folder, remove_unfinished, write_beside
 from dronekeypp.sixdronesyn import bop, depth, depth_files, frame_log, scenes
 from dronekeypp.sixdronesyn.compositing import directions, draw_crop, draw_frame, window_around
 from dronekeypp.sixdronesyn.drones import Drone
 from dronekeypp.sixdronesyn.frame_log import Finished
+from dronekeypp.sixdronesyn.frame_reader import SCENE_FILES
 from dronekeypp.sixdronesyn.meshes import drone_mesh
 from dronekeypp.sixdronesyn.occlusion import SelfOcclusion
 from dronekeypp.sixdronesyn.panorama import Panorama, load_panorama
@@ -113,7 +114,8 @@ class Flight:
 
         The camera stands still, so once is enough for all of them.
         """
-        panorama = _panorama(self.environment_file)
+        digests = self.settings.get("environment_digests", {})
+        panorama = _panorama(self.environment_file, digests.get(self.environment_file.name))
         light = panorama.light(self.turn)
         cam_R = self.path.camera.R
         self.light = {
@@ -183,7 +185,8 @@ def _renderer(drone: Drone, resolution: int) -> DroneRenderer:
 
 
 @lru_cache(maxsize=2)
-def _panorama(path: Path) -> Panorama:
+def _panorama(path: Path, content: str | None) -> Panorama:
+    """Return a panorama; `content` is its digest, since the file may be replaced while this process runs."""
     return load_panorama(path)
 
 
@@ -239,15 +242,18 @@ def render_flight(
         return 0
     flight = Flight(subsequence, settings, environments)
     partial = Path(root) / ".partial" / final.name
-    for path in (bop.image_path(partial, 0), *depth_files.paths(partial, 0, settings)):
-        path.parent.mkdir(parents=True, exist_ok=True)
-    log = partial / frame_log.NAME
-    done = frame_log.read(partial, settings)
     annotated = {n: flight.annotate(n) for n in scenes.frame_numbers(subsequence, stride)}
+    make_folder(partial.parent)
+    make_folder(partial)
+    for path in (bop.image_path(partial, 0), *depth_files.paths(partial, 0, settings)):
+        make_folder(path.parent)
+    log = partial / frame_log.NAME
+    _remove_unfinished(partial, settings, annotated)
+    done = frame_log.read(partial, settings)
     missing = [frame for number, frame in annotated.items() if number not in done]
     if missing:
         flight.open(missing)
-        with log.open("a") as lines:
+        with append_to(log) as lines:
             for frame in missing:
                 done[frame.number] = _write_frame(flight, frame, partial)
                 lines.write(frame_log.line(frame.number, done[frame.number]))
@@ -276,11 +282,22 @@ def render_flight(
     return len(missing)
 
 
+def _remove_unfinished(partial: Path, settings: dict[str, Any], numbers: Iterable[int]) -> None:
+    """Remove what a kill has left of the files of an unfinished flight."""
+    remove_unfinished(partial, (frame_log.NAME, *SCENE_FILES, "flight.json"))
+    names: dict[Path, set[str]] = {}
+    for number in numbers:
+        for path in (bop.image_path(partial, number), *depth_files.paths(partial, number, settings)):
+            names.setdefault(path.parent, set()).add(path.name)
+    for folder, known in names.items():
+        remove_unfinished(folder, known)
+
+
 def _write_frame(flight: Flight, frame: bop.Frame, folder: Path) -> Finished:
     """Draw a frame, and write all of its files."""
     picture = cv2.cvtColor(flight.picture(frame), cv2.COLOR_RGB2BGR)
     image = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes()
-    bop.image_path(folder, frame.number).write_bytes(image)
+    write_beside(bop.image_path(folder, frame.number), image)
     others = depth_files.paths(folder, frame.number, flight.settings)
     if not others:
         return Finished(digest(image))
@@ -288,6 +305,6 @@ def _write_frame(flight: Flight, frame: bop.Frame, folder: Path) -> Finished:
     scale = depth.depth_scale(flight.drone, frame)
     contents = depth_files.encode(distances, scale, flight.settings)
     for path, content in zip(others, contents, strict=True):
-        path.write_bytes(content)
+        write_beside(path, content)
     pixels = (int((distances > 0).sum()), whole) if flight.settings.get("masks") else None
     return Finished(digest(image), tuple(digest(content) for content in contents), pixels)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dronekeypp.files import digest
+from dronekeypp.files import digest, write_beside
 from dronekeypp.sixdronesyn import bop, depth_files
 
 NAME = "frames.jsonl"
@@ -58,7 +58,7 @@ def read(folder: Path, settings: dict[str, Any]) -> dict[int, Finished]:
     content = log.read_bytes()
     whole_lines = content[: content.rfind(b"\n") + 1]
     if whole_lines != content:
-        log.write_bytes(whole_lines)
+        write_beside(log, whole_lines)
     for text in whole_lines.splitlines():
         entry = _entry(text, bool(settings.get("masks")))
         if entry is None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -24,15 +24,19 @@ from dronekeypp import __version__
 from dronekeypp.environments.cache import environment_files
 from dronekeypp.errors import InputError
 from dronekeypp.files import digest
+from dronekeypp.processes import end_with_parent, total_memory
 from dronekeypp.sixdronesyn import scenes
 from dronekeypp.sixdronesyn.drones import EDITION, EDITIONS
 from dronekeypp.sixdronesyn.flight import Flight, annotation_digest, render_flight
-from dronekeypp.sixdronesyn.manifest import finish, lock, start_manifest
+from dronekeypp.sixdronesyn.manifest import check_root, finish, lock, start_manifest
 from dronekeypp.sixdronesyn.manifest_check import KINDS
+from dronekeypp.sixdronesyn.meshes import drone_mesh
+from dronekeypp.sixdronesyn.panorama import check_size, load_panorama
 from dronekeypp.sixdronesyn.render import check_opengl
 
 __all__ = ["Flight", "annotation_digest", "finish", "generate"]
 
+WORKER = 0.2e9  # bytes that a rendering process takes at least
 _DRAWING = ThreadPoolExecutor(1, "drawing")  # of a process that is called from threads
 
 
@@ -90,8 +94,6 @@ def generate(
     _check_quadrotors(quadrotors, drone_names, edition)
     if edition == 1 and (depth or masks):
         raise InputError("depth images and masks belong to the second edition; add --edition 2")
-    check_opengl()
-    files = environment_files(environments, workers=workers, progress=progress)
     settings = {
         "version": __version__,
         "edition": edition,
@@ -103,8 +105,14 @@ def generate(
         "depth": depth,
         "masks": masks,
         "environments": "procedural" if environments is None else Path(environments).resolve().name,
-        "environment_digests": {Path(file).name: digest(Path(file).read_bytes()) for file in files},
     }
+    begun = check_root(root, settings).get("settings", {})
+    if environments is not None:
+        environment_files(environments)  # before the time that all other checks take
+    check_opengl()
+    _check_meshes(drone_names, edition, begun.get("own_drones", {}))
+    files = environment_files(environments, workers=workers, progress=progress)
+    settings["environment_digests"] = _check_panoramas(files, begun.get("environment_digests", {}))
     root.mkdir(parents=True, exist_ok=True)
     with lock(root):
         plan = start_manifest(root, settings, scene_numbers, drone_names)
@@ -114,8 +122,10 @@ def generate(
     where, files = root.absolute(), [Path(file).absolute() for file in files]
     jobs = [joblib.delayed(_work)(where, flight, settings, files, stride, threads) for flight in chosen]
     total = sum(len(scenes.frame_numbers(flight, stride)) for flight in chosen)
+    # A cluster's workers are nobody's children, and take no initializer.
+    pool = joblib.Parallel(workers, return_as="generator_unordered", initializer=end_with_parent)
     with tqdm(total=total, unit="frame", disable=None if progress else True, smoothing=0.05) as bar:
-        for flight in joblib.Parallel(n_jobs=workers, return_as="generator_unordered")(jobs):
+        for flight in pool(jobs):
             bar.update(len(scenes.frame_numbers(flight, stride)))
     return finish(root)
 
@@ -148,8 +158,40 @@ def _check_arguments(
         raise InputError(f"size {size}: a crop is 32 to 1024 pixels wide")
     if stride < 1 or workers < 1 or seed < 0:
         raise InputError("stride and workers must be at least 1, seed at least 0")
+    memory = total_memory()
+    if memory is not None and workers * WORKER > memory:
+        raise InputError(
+            f"workers {workers}: each takes {WORKER / 1e9} GB, and there are {memory / 1e9:.0f} GB"
+        )
     if not 0 <= shard[0] < shard[1]:
         raise InputError(f"shard {shard[0]}/{shard[1]}: I counts from 0 to N − 1")
+
+
+def _check_meshes(drone_names: Sequence[str] | None, edition: int, begun: Mapping[str, str]) -> None:
+    """Read the meshes of the drones of your own that will fly, but for those that the data set `begun` with.
+
+    Raises:
+        InputError: one cannot be used. The message names its file.
+    """
+    for drone in EDITIONS[edition].values():
+        flies = drone_names is None or drone.name in drone_names
+        if drone.mesh is not None and flies and begun.get(drone.name) != drone.digest:
+            drone_mesh(drone)
+
+
+def _check_panoramas(files: Sequence[Path], begun: Mapping[str, str]) -> dict[str, str]:
+    """Return {name: digest} of the panoramas. Those that the data set did not begin with are decoded.
+
+    Raises:
+        InputError: one cannot be used. The message names its file.
+    """
+    digests = {}
+    for file in files:
+        check_size(file)
+        digests[file.name] = digest(file.read_bytes())
+        if begun.get(file.name) != digests[file.name]:
+            load_panorama(file)
+    return digests
 
 
 def _check_quadrotors(

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import platform
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,15 +22,17 @@ from filelock import FileLock
 
 from dronekeypp import __version__
 from dronekeypp.errors import InputError
-from dronekeypp.files import digest, write_json
+from dronekeypp.files import LOCK, digest, remove_unfinished, write_json
 from dronekeypp.sixdronesyn import bop, depth_files, quadrotors, scenes
 from dronekeypp.sixdronesyn.coco import coco
+from dronekeypp.sixdronesyn.drawn import PARTIAL, check_panoramas, drawn_flights, flights_of, forget_model
 from dronekeypp.sixdronesyn.drones import EDITIONS, SEVEN
 from dronekeypp.sixdronesyn.flight import annotation_digest
 from dronekeypp.sixdronesyn.folders import read_digests, read_manifest
 from dronekeypp.sixdronesyn.manifest_check import OLDER
 from dronekeypp.sixdronesyn.models import write_models
 from dronekeypp.sixdronesyn.own import VARIABLE
+from dronekeypp.sixdronesyn.targets import NAME as TARGETS
 from dronekeypp.sixdronesyn.targets import write_targets
 
 
@@ -39,7 +41,38 @@ def lock(root: Path) -> FileLock:
 
     One process at a time reads, changes and writes them. Shards may run side by side.
     """
-    return FileLock(root / ".lock")
+    return FileLock(root / LOCK)
+
+
+def check_root(root: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Check that a data set with these settings can be begun in a folder, or go on there.
+
+    Nothing is written. Panoramas and drones of your own are not compared; `start_manifest` does that.
+
+    Returns:
+        the manifest that is there, or {}.
+
+    Raises:
+        InputError: it is a file, or holds a data set with other settings, or something else.
+    """
+    if root.exists() and not root.is_dir():
+        raise InputError(f"{root} is a file, not a folder")
+    path = root / "manifest.json"
+    if not path.exists():
+        # Hidden files are those of a run that was killed before it wrote a manifest, or of the system.
+        if root.exists() and any(not item.name.startswith(".") for item in root.iterdir()):
+            raise InputError(
+                f"{root}: the folder is not empty and holds no manifest.json; choose an empty or new folder"
+            )
+        return {}
+    old = read_manifest(root)
+    if not old:
+        raise InputError(f"{path}: not the manifest of a data set; choose another folder")
+    before = {**OLDER, **old["settings"]}
+    for key, value in settings.items():
+        if key not in ("version", "environment_digests"):
+            _check_same(path, key, before[key], value)
+    return old
 
 
 def start_manifest(
@@ -57,19 +90,15 @@ def start_manifest(
         InputError: the folder holds a data set with other settings, or something else.
     """
     path = root / "manifest.json"
-    old: dict[str, Any] = {"settings": {}, "versions": [], "planned": {}}
-    if path.exists():
-        old = read_manifest(root)
-        if not old:
-            raise InputError(f"{path}: not the manifest of a data set; choose another folder")
+    remove_unfinished(root, (path.name, *(f"coco_{split}.json" for split in scenes.SPLITS), TARGETS))
+    old = check_root(root, settings) or {"settings": {}, "versions": [], "planned": {}}
+    flights: dict[Path, scenes.Subsequence] = {}
+    if old["settings"]:
         before = {**OLDER, **old["settings"]}
         settings = {**settings, "version": before["version"]}
-        for key, value in settings.items():
-            _check_same(path, key, before[key], value)
-    elif any(not item.name.startswith(".") for item in root.iterdir()):
-        raise InputError(
-            f"{root}: the folder is not empty and holds no manifest.json; choose an empty or new folder"
-        )
+        flights = drawn_flights(root, before)
+        digests = settings["environment_digests"]
+        check_panoramas(path, before["environment_digests"], digests, flights, settings["seed"])
     if settings["quadrotors"]:
         plan = scenes.quadrotor_flights(range(*settings["quadrotors"]), scene_numbers)
         if not plan:
@@ -79,7 +108,7 @@ def start_manifest(
             )
     else:
         edition = settings["edition"]
-        own = _own_drones(path, old["settings"].get("own_drones", {}), drone_names, edition)
+        own = _own_drones(path, old["settings"].get("own_drones", {}), drone_names, edition, flights)
         if own:
             settings = {**settings, "own_drones": own}
         numbers = {name: len(SEVEN) + place for place, name in enumerate(own)}
@@ -116,24 +145,34 @@ def _short(value: Any) -> str:
 
 
 def _own_drones(
-    path: Path, old: dict[str, str], drone_names: Sequence[str] | None, edition: int
+    path: Path,
+    old: dict[str, str],
+    drone_names: Sequence[str] | None,
+    edition: int,
+    flights: Mapping[Path, scenes.Subsequence],
 ) -> dict[str, str]:
     """Return name and digest of each drone of your own in a data set, in the order of their numbers.
 
-    Those that it holds (`old`) keep their places; new ones come behind them.
+    Those that it holds (`old`) keep their places; new ones come behind them. One that has not flown yet may
+    have changed.
 
     Raises:
-        InputError: the data set holds another drone of that name, or would hold too many.
+        InputError: another drone of that name has flown in the data set, or it would hold too many.
     """
     own = dict(old)
+    changed = []
     for drone in EDITIONS[edition].values():
         if drone.digest is None:  # one of the seven
             continue
         if own.get(drone.name, drone.digest) != drone.digest:
-            raise InputError(
-                f"{path}: this folder was made with another drone {drone.name}: set {VARIABLE} to the folder "
-                "it was made with, or choose another folder"
-            )
+            flown = flights_of(drone.name, flights)
+            if flown:
+                raise InputError(
+                    f"{path}: this folder was made with another drone {drone.name}: set {VARIABLE} to the "
+                    f"folder it was made with, or delete {flown} and run generate again"
+                )
+            changed.append(drone.name)
+            own[drone.name] = drone.digest
         if drone_names is None or drone.name in drone_names:
             own[drone.name] = drone.digest
     most = scenes.MOST_DRONES[edition]
@@ -142,6 +181,8 @@ def _own_drones(
             f"{len(own)} drones of your own: a data set holds {most - len(SEVEN)} beside the seven; "
             "choose some with --drones"
         )
+    for name in changed:
+        forget_model(path.parent, len(SEVEN) + 1 + list(own).index(name))
     return own
 
 
@@ -191,7 +232,7 @@ def _finish(root: Path) -> dict[str, Any]:
     if settings["edition"] != 1:
         write_targets(root, flights, settings["edition"])
     write_json(root / "manifest.json", manifest)
-    partial = root / ".partial"
+    partial = root / PARTIAL
     if partial.exists() and not any(partial.iterdir()):
         partial.rmdir()
     return manifest

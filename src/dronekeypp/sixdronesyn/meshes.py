@@ -5,6 +5,7 @@
 surface: the opacity of a spot is the share of the exposure in which a blade covered it.
 """
 
+import warnings
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -14,6 +15,7 @@ import pyvista as pv
 from dronekeypp.errors import InputError
 from dronekeypp.sixdronesyn import airframes, quadrotor_bodies
 from dronekeypp.sixdronesyn.drones import Drone, find_drone
+from dronekeypp.sixdronesyn.mesh_files import check_mesh
 from dronekeypp.sixdronesyn.shapes import as_polydata, merge
 
 SPOKES = 48  # points around a propeller disc
@@ -171,8 +173,12 @@ def read_body(drone: Drone) -> pv.PolyData:
     Raises:
         InputError: the file holds no mesh, or the mesh does not fit the drone's hubs in size or position.
     """
+    check_mesh(drone.mesh)
     try:
-        mesh = pv.read(drone.mesh).extract_surface(algorithm="dataset_surface").triangulate()
+        with warnings.catch_warnings():
+            warnings.filterwarnings("error", "The VTK reader")
+            mesh = pv.read(drone.mesh)
+        mesh = mesh.extract_surface(algorithm="dataset_surface").triangulate()
         colours = _point_colours(mesh)
         mesh.clear_data()
         if colours is not None:
@@ -183,6 +189,8 @@ def read_body(drone: Drone) -> pv.PolyData:
     except Exception as error:  # PyVista's readers and filters have no common one
         reason = str(error).splitlines()[0]
         raise InputError(f"{drone.mesh}: not a mesh that PyVista reads ({reason})") from None
+    if not mesh.n_points or not np.isfinite(mesh.points).all():
+        raise InputError(f"{drone.mesh}: holds no point, or one that is not finite; export it again")
     mesh.points = (np.asarray(mesh.points, float) * drone.mesh_scale).astype(np.float32)
     size = np.ptp(np.asarray(mesh.points), axis=0).max()
     if not 0.5 < size / drone.wheelbase < 4:

@@ -16,7 +16,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.distance import pdist
 
 from dronekeypp.errors import InputError
-from dronekeypp.files import write_beside, write_json, writing_beside
+from dronekeypp.files import make_folder, remove_unfinished, write_beside, write_json, writing_beside
 from dronekeypp.sixdronesyn import bop
 from dronekeypp.sixdronesyn.annotation import MM, numbers
 from dronekeypp.sixdronesyn.drones import Drone, find_drone
@@ -45,8 +45,10 @@ def write_models(root: Path, names: Sequence[str], edition: int) -> None:
     info = bop.read_json(path) if path.is_file() else {}
     if not isinstance(info, dict):
         raise InputError(f"{path}: not a table of objects; delete it and run generate again")
+    known = ["models_info.json", *(f"obj_{number:06d}.ply" for number in range(1, len(names) + 1))]
     for folder in folders:
-        folder.mkdir(exist_ok=True)
+        make_folder(folder)
+        remove_unfinished(folder, known)
     missing = []
     for number in range(1, len(names) + 1):
         meshes = [folder / f"obj_{number:06d}.ply" for folder in folders]

@@ -11,15 +11,19 @@ Sec. IV of the paper turns each of its 22 environments by four quarter turns abo
 that everywhere below.
 """
 
+import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 import cv2
 import numpy as np
+from PIL import Image
 
 from dronekeypp.errors import InputError
 
+MOST_PIXELS = 200_000_000  # of a panorama: cv2.remap takes no more than 32766 a row
+MOST_BYTES = 2**30  # of its file
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 _LIGHT_HEIGHT = 256  # the light is estimated on a copy this high: 0.7 degrees a pixel
 _LOOKUP_WIDTH = 1024  # samples a row: cv2.remap takes at most 32766
@@ -197,23 +201,39 @@ def load_panorama(path: str | Path) -> Panorama:
         InputError: the file, which the message names, is missing, cannot be decoded, or is not 2:1.
     """
     path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: no such panorama; give the path of an equirectangular JPEG or PNG")
+    check_size(path)
     data = np.frombuffer(path.read_bytes(), np.uint8)
-    image = None
-    if len(data):
-        try:
-            image = cv2.imdecode(data, cv2.IMREAD_COLOR)
-        except cv2.error:  # some broken headers raise instead of giving None
-            image = None
+    try:
+        image = cv2.imdecode(data, cv2.IMREAD_COLOR)
+    except cv2.error:  # some broken headers raise instead of giving None
+        image = None
     if image is None:
-        raise InputError(
-            f"{path}: not a readable image; replace the file, or remove it from the environments folder"
-        )
+        raise InputError(f"{path}: not a readable image; replace the file")
     try:
         return Panorama(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
+
+
+def check_size(path: Path) -> None:
+    """Check a panorama's file by its header, before memory is asked for.
+
+    Raises:
+        InputError: the file, which the message names, is missing, not an image, or too large.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such panorama; give the path of an equirectangular JPEG or PNG")
+    try:
+        with warnings.catch_warnings(), Image.open(path) as header:
+            warnings.simplefilter("ignore")  # Pillow warns of large pictures
+            width, height = header.size
+    except Image.DecompressionBombError:
+        width, height = None, None
+    except Exception:  # Pillow raises anything on broken headers
+        raise InputError(f"{path}: not a readable image; replace the file") from None
+    if width is None or width * height > MOST_PIXELS or path.stat().st_size > MOST_BYTES:
+        size = "too many" if width is None else f"{width}x{height}"
+        raise InputError(f"{path}: {size} pixels; make it smaller, at most 20000x10000 are read")
 
 
 def _sphere(height: int) -> tuple[np.ndarray, np.ndarray]:

@@ -24,10 +24,11 @@ from dronekeypp.train.run import (
     train_on,
     weights_digest,
 )
-from dronekeypp.train.state import TrainState, check_settings, run_settings
+from dronekeypp.train.state import BrokenState, TrainState, check_settings, run_settings
 
 __all__ = [
     "BEST",
+    "BrokenState",
     "CONFIG",
     "LAST",
     "METRICS",

@@ -29,7 +29,7 @@ from dronekeypp import data
 from dronekeypp.augment import mirrored
 from dronekeypp.classes import are_named
 from dronekeypp.errors import InputError
-from dronekeypp.evaluate import apply_model, evaluate, measure, to_device
+from dronekeypp.evaluate import apply_model, evaluate, loading, measure, to_device
 from dronekeypp.model import PoseNetwork, loss_weights, total_loss
 from dronekeypp.model.backbone import Backbone
 from dronekeypp.presets import TrainConfig
@@ -181,7 +181,8 @@ def fit(
 
     Raises:
         InputError: a set is empty or lacks a truth, the batch cannot be shared by the processes, or a loss is
-            not finite (the message names the epoch, the batch and, if it can, the frame).
+            not finite (the message names the epoch, the batch and, if it can, the frame), or a process that
+            loads data died.
     """
     check_sets(model, train_set, val_set, config)
     drones = data.drones_of(train_set)
@@ -205,19 +206,20 @@ def fit(
     epochs = _Epochs(model, train_set, config, state, device, rank, world, progress)
     for epoch in range(state.epoch, config.epochs):
         tic = time.monotonic()
-        row = epochs.run(epoch)
-        if rank == 0:  # the others wait at the broadcast below
-            row.update(validate(model, val_set, config))
+        with loading(config.workers):
+            row = epochs.run(epoch)
+            if rank == 0:  # the others wait at the broadcast below
+                row.update(validate(model, val_set, config))
         row["seconds"] = round(time.monotonic() - tic, 2)
         state.epoch = epoch + 1
         state.history.append(row)
         if rank == 0:
             state.is_best = row["score"] < state.best_score
             state.best_score = min(state.best_score, row["score"])
-            if progress:
-                print(describe(row, config, state.is_best), flush=True)
         if on_epoch:
             on_epoch(state)
+        if rank == 0 and progress:  # after the epoch is kept: nobody may be reading
+            print(describe(row, config, state.is_best), flush=True)
         over = bool(config.max_minutes) and time.monotonic() - started > 60 * config.max_minutes
         out_of_time = torch.tensor(over, device=device)
         if world > 1:

@@ -27,17 +27,29 @@ import torch.distributed as dist
 from torch.utils.data import Dataset
 
 from dronekeypp import checkpoint, data, presets
-from dronekeypp.checkpoint import BEST, CONFIG
+from dronekeypp.checkpoint import BEST, CONFIG, WEIGHTS
 from dronekeypp.errors import InputError
-from dronekeypp.files import digest, lock_folder, read_json, remove_unfinished, write_beside
+from dronekeypp.files import (
+    LOCK,
+    digest,
+    holds_nothing,
+    is_unfinished,
+    lock_folder,
+    make_folder,
+    read_json,
+    remove_unfinished,
+    write_beside,
+)
 from dronekeypp.model import DroneKeyPP, PoseNetwork
 from dronekeypp.model.backbone import find_weights
 from dronekeypp.presets import TrainConfig
 from dronekeypp.settings import Settings
 from dronekeypp.train.loop import check_sets, choose_device, fit, prepare
-from dronekeypp.train.state import TrainState, check_settings, run_settings
+from dronekeypp.train.memory import check_memory
+from dronekeypp.train.state import BrokenState, TrainState, check_settings, run_settings
 
 LAST, METRICS = "last.safetensors", "metrics.csv"
+FILES = (CONFIG, LAST, METRICS)  # of a run; those of best/ are a checkpoint's
 
 
 def train(
@@ -126,8 +138,10 @@ def train_on(
         if main:
             check_folder(out, settings, resume)
         resuming = resume and (out / LAST).is_file()
+        device = choose_device(config)
+        check_memory(network, model_config, config, len(train_set), device)
         torch.manual_seed(config.seed)  # the network's first weights
-        model = network(model_config, load_backbone=not resuming).to(choose_device(config))
+        model = network(model_config, load_backbone=not resuming).to(device)
         drones = data.drones_of(train_set)
         if drones is not None:
             model.know(drones)
@@ -138,20 +152,23 @@ def train_on(
         if main:
             out.mkdir(parents=True, exist_ok=True)
             held.enter_context(lock_folder(out))
-            remove_unfinished(out)
-            remove_unfinished(out / BEST)
-            if not (out / CONFIG).is_file():
-                write_beside(out / CONFIG, (json.dumps(settings, indent=2) + "\n").encode())
         if dist.is_initialized():
             dist.barrier()
         if resuming:
-            state.load(out / LAST)
-            if main and state.history:  # a kill may have come between the state and its row
+            _load(state, out)
+        if main:
+            remove_unfinished(out, FILES)
+            remove_unfinished(out / BEST, (CONFIG, WEIGHTS))
+            if resuming and state.history:  # a kill may have come between the state and its row
                 write_beside(out / METRICS, to_csv(state.history).encode())
 
         def keep(state: TrainState) -> None:
             if main:
+                if not resuming and len(state.history) == 1:
+                    # Not before: what is refused in the first epoch must not bind the corrected settings.
+                    write_beside(out / CONFIG, (json.dumps(settings, indent=2) + "\n").encode())
                 if state.is_best:
+                    make_folder(out / BEST)
                     checkpoint.save(model, out / BEST)
                 state.save(out / LAST)
                 write_beside(out / METRICS, to_csv(state.history).encode())
@@ -160,6 +177,22 @@ def train_on(
 
         fit(model, train_set, val_set, config, keep, progress, state)
     return out / BEST
+
+
+def _load(state: TrainState, out: Path) -> None:
+    """Go on from the last state in a run folder.
+
+    Raises:
+        InputError: it cannot be read or belongs to something else. The message says what is left of the run.
+    """
+    try:
+        state.load(out / LAST)
+    except BrokenState as error:
+        whole = ""
+        with contextlib.suppress(InputError):
+            checkpoint.load(out / BEST)
+            whole = f"; {out / BEST} is whole"
+        raise InputError(f"{error}: remove the folder {out} or choose another{whole}") from None
 
 
 def describe_data(train_set: Dataset, val_set: Dataset) -> dict[str, Any]:
@@ -191,16 +224,46 @@ def weights_digest(config: Settings) -> str | None:
 def check_folder(out: Path, settings: dict, resume: bool) -> None:
     """Check that a run can be begun in a folder or, with `resume`, go on there.
 
+    A folder in which no epoch was finished is as good as an empty one.
+
     Raises:
         InputError: it holds something else, or a run with other settings or of other data.
     """
-    if resume and (out / CONFIG).is_file():
+    if not out.exists() or (out.is_dir() and not _is_begun(out) and _is_empty(out)):
+        return
+    if resume and (out / CONFIG).is_file() and _is_begun(out):
         old = read_json(out / CONFIG, mend="start again in another folder")
         check_settings(old, settings, out / CONFIG)
         return
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        mend = "choose another folder" if resume else "add --resume to go on, or choose another folder"
-        raise InputError(f"{out} is not empty{' and not a run' if resume else ''}: {mend}")
+    is_run = out.is_dir() and (out / CONFIG).is_file()
+    mend = (
+        "add --resume to go on, or choose another folder"
+        if is_run and not resume
+        else "choose another folder"
+    )
+    raise InputError(f"{out} is not empty{'' if is_run else ' and not a run'}: {mend}")
+
+
+def _is_begun(out: Path) -> bool:
+    """Tell whether a folder holds a run of which an epoch was finished."""
+    return (out / LAST).is_file() or (out / METRICS).is_file()
+
+
+def _is_empty(out: Path) -> bool:
+    """Tell whether a folder holds nothing but what a kill in the first epoch leaves of a run."""
+    if holds_nothing(out, FILES):
+        return True
+    others = [path for path in out.iterdir() if path.name not in (CONFIG, BEST, LOCK)]
+    return _is_config(out / CONFIG) and all(is_unfinished(path, FILES) for path in others)
+
+
+def _is_config(path: Path) -> bool:
+    """Tell whether a file is the config.json of a run."""
+    try:
+        content = read_json(path)
+    except (InputError, OSError):
+        return False
+    return isinstance(content, dict) and {"model", "train", "data"} <= content.keys()
 
 
 def to_csv(history: list[dict[str, Any]]) -> str:

@@ -24,6 +24,13 @@ from dronekeypp.settings import Settings
 FREE_KEYS = ("workers", "max_minutes", "device")  # these may differ when a run is resumed
 
 
+class BrokenState(InputError):
+    """A file of a training state cannot be read, or belongs to another network.
+
+    The message names the file and what is wrong. Whoever knows the run adds the mend.
+    """
+
+
 class TrainState:
     """This is what changes while training: the network, Adam, the finished epochs and their history."""
 
@@ -75,7 +82,8 @@ class TrainState:
         """Go on from a file of `save`.
 
         Raises:
-            InputError: the file is broken, or belongs to other settings, other data or another network.
+            BrokenState: the file is broken, or belongs to another network.
+            InputError: it belongs to other settings or other data.
         """
         header, tensors = read_state_file(path)
         check_settings(header["settings"], self.settings, path)
@@ -96,7 +104,7 @@ class TrainState:
                     moments.setdefault(places[parameter], {})[moment] = copied
             self.model.load_state_dict(weights)
         except (RuntimeError, KeyError):
-            raise InputError(f"{path} belongs to another network; start again without --resume") from None
+            raise BrokenState(f"{path} belongs to another network") from None
         groups = self.optimiser.state_dict()["param_groups"]
         self.optimiser.load_state_dict({"state": moments, "param_groups": groups})
         self.epoch, self.best_score = header["epoch"], header["best_score"]
@@ -107,7 +115,7 @@ def read_state_file(path: Path) -> tuple[dict[str, Any], dict[str, torch.Tensor]
     """Return the header and the tensors of a file of `TrainState.save`.
 
     Raises:
-        InputError: the file cannot be read.
+        BrokenState: the file cannot be read.
     """
     try:
         with safe_open(path, "pt") as file:
@@ -115,10 +123,8 @@ def read_state_file(path: Path) -> tuple[dict[str, Any], dict[str, torch.Tensor]
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 (not a dict)
         for key in ("settings", "epoch", "best_score", "history"):
             header[key]
-    except (SafetensorError, OSError, KeyError, TypeError, ValueError) as error:
-        raise InputError(
-            f"{path} is not a readable training state ({error}); start again without --resume"
-        ) from None
+    except (SafetensorError, OSError, KeyError, TypeError, ValueError, RecursionError) as error:
+        raise BrokenState(f"{path} is not a readable training state ({error})") from None
     return header, tensors
 
 
