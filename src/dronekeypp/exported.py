@@ -16,6 +16,7 @@ from torch import Tensor
 from dronekeypp import checkpoint
 from dronekeypp.errors import InputError
 from dronekeypp.model import DECODERS, ModelConfig
+from dronekeypp.model.inputs import check_input_shapes, check_values
 
 EXTRA = ("onnx", "onnxscript", "onnxruntime")  # what the optional extra installs
 INPUTS = ("image", "K", "square")
@@ -58,6 +59,7 @@ class OnnxNetwork:
 
     method = "DroneKey++"
     truth_inputs = ()
+    checks_inputs = True
 
     def __init__(self, path: str | Path, threads: int = 0) -> None:
         require_packages("onnxruntime")
@@ -115,10 +117,20 @@ class OnnxNetwork:
 
         Returns:
             a tensor for each name of `outputs`.
+
+        Raises:
+            InputError: an argument does not fit, see `model.inputs`.
         """
-        arrays = {}
+        given = {}
         for name, value in zip(INPUTS, (image, K, square), strict=True):
-            value = torch.as_tensor(value).detach().cpu()
+            given[name] = torch.as_tensor(value).detach().cpu()
+        check_input_shapes(given, self.config.image_size)
+        if not given["image"].is_floating_point():
+            raise InputError(f"image is {given['image'].dtype}, RGB in [0, 1] is needed: divide by 255")
+        if self.checks_inputs:
+            check_values(given, None)
+        arrays = {}
+        for name, value in given.items():
             arrays[name] = np.ascontiguousarray(value, dtype=np.float32)
         names = outputs(self.config)
         answers = self.session.run(list(names), arrays)

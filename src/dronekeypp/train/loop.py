@@ -30,8 +30,10 @@ from dronekeypp.augment import mirrored
 from dronekeypp.classes import are_named
 from dronekeypp.errors import InputError
 from dronekeypp.evaluate import apply_model, evaluate, measure, to_device
+from dronekeypp.frame_dataset import FrameDataset
 from dronekeypp.model import PoseNetwork, loss_weights, total_loss
 from dronekeypp.model.backbone import Backbone
+from dronekeypp.model.inputs import INPUTS, check_input_shapes, check_label, check_placed, check_values
 from dronekeypp.presets import TrainConfig
 from dronekeypp.train.precision import set_precision
 from dronekeypp.train.state import TrainState
@@ -144,16 +146,30 @@ def prepare(state: TrainState, train_set: Dataset) -> None:
     """Let the network look at the truth of some training frames before the first step, once.
 
     Raises:
-        InputError: the network cannot learn from it, or frames are to be mirrored whose drone is not its own
-            mirror image.
+        InputError: the network cannot learn from it, a label is none of its classes, or frames are to be
+            mirrored whose drone is not its own mirror image.
     """
     if state.prepared or state.epoch > 0:
         return
     annotations = data.read_annotations(spaced(train_set, PREPARED_ON))
+    if "label" in annotations and hasattr(state.model.config, "classes"):
+        check_label(annotations["label"], state.model.config.classes)
     if state.config.mirror:
         data.check_mirror(annotations, data.drones_of(train_set))
     state.model.prepare(annotations)
     state.prepared = True
+
+
+def check_first_batch(model: PoseNetwork, items: dict[str, Tensor]) -> None:
+    """Check that the first batch is what the network takes, see `model.inputs`; the others are like it.
+
+    Raises:
+        InputError: it is not. The message names the key of the items.
+    """
+    given = {name: items.get(name) for name in INPUTS}
+    check_input_shapes(given, getattr(model.config, "image_size", "S"))
+    check_placed(given, model)
+    check_values(given, getattr(model.config, "classes", None))
 
 
 def fit(
@@ -251,6 +267,8 @@ class _Epochs:
         frames = len(epoch_order(len(train_set), config, 0, rank, world))
         self.steps_per_epoch = math.ceil(frames / self.batch)
         self.steps = self.steps_per_epoch * config.epochs
+        # The frames of a data set on disk were checked when it was opened.
+        self.checked = isinstance(data.underlying(train_set), FrameDataset)
 
     def run(self, epoch: int) -> dict[str, Any]:
         """Train for one epoch and return the first columns of its row.
@@ -284,6 +302,9 @@ class _Epochs:
             if config.mirror:
                 chosen = torch.rand(len(items["t"]), generator=flips) < 0.5
                 items = mirrored(items, chosen.to(self.device))
+            if not self.checked:
+                check_first_batch(self.model, items)
+                self.checked = True
             terms = self.model.losses(
                 apply_model(self.network, items, self.model.truth_inputs), items, config.keypoint_unit
             )
