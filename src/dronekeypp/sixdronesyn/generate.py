@@ -27,7 +27,7 @@ from dronekeypp.files import digest
 from dronekeypp.sixdronesyn import scenes
 from dronekeypp.sixdronesyn.drones import EDITION, EDITIONS
 from dronekeypp.sixdronesyn.flight import Flight, annotation_digest, render_flight
-from dronekeypp.sixdronesyn.manifest import finish, lock, start_manifest
+from dronekeypp.sixdronesyn.manifest import drawing, finish, lock, start_manifest
 from dronekeypp.sixdronesyn.manifest_check import KINDS
 from dronekeypp.sixdronesyn.render import check_opengl
 
@@ -81,7 +81,8 @@ def generate(
 
     Raises:
         InputError: an argument or an environment image is bad, there is no OpenGL library, the folder holds a
-            data set with other settings or another drone of the same name, or there are too many drones.
+            data set with other settings or another drone of the same name, there are too many drones, or
+            another process draws one of the flights.
     """
     root = Path(root)
     if edition is None:
@@ -196,5 +197,6 @@ def _render(
     # Mesa's software rasteriser would take every core in every worker.
     os.environ.setdefault("LP_NUM_THREADS", str(threads))
     cv2.setNumThreads(threads)
-    render_flight(root, subsequence, settings, environments, stride)
+    with drawing(root, subsequence):
+        render_flight(root, subsequence, settings, environments, stride)
     return subsequence

@@ -7,6 +7,7 @@ order in which it met them. The manifest holds that order. Random quadrotors are
 
 from __future__ import annotations
 
+import contextlib
 import json
 import platform
 import sys
@@ -22,7 +23,7 @@ from filelock import FileLock
 
 from dronekeypp import __version__
 from dronekeypp.errors import InputError
-from dronekeypp.files import digest, write_json
+from dronekeypp.files import digest, lock_file, write_json
 from dronekeypp.sixdronesyn import bop, depth_files, quadrotors, scenes
 from dronekeypp.sixdronesyn.coco import coco
 from dronekeypp.sixdronesyn.drones import EDITIONS, SEVEN
@@ -40,6 +41,19 @@ def lock(root: Path) -> FileLock:
     One process at a time reads, changes and writes them. Shards may run side by side.
     """
     return FileLock(root / ".lock")
+
+
+def drawing(root: Path, subsequence: scenes.Subsequence) -> contextlib.AbstractContextManager[None]:
+    """Hold a flight while it is drawn.
+
+    Shards draw side by side, each its own flights. The same command given twice would write the same files.
+
+    Raises:
+        InputError: another process draws the flight.
+    """
+    name = f"{subsequence.id:06d}"
+    message = f"{root}: another process is drawing flight {name}: let it finish, or use --shard"
+    return lock_file(root / f".{name}.lock", message)
 
 
 def start_manifest(

@@ -34,7 +34,7 @@ from dronekeypp.frame_dataset import FrameDataset
 from dronekeypp.model import PoseNetwork, loss_weights, total_loss
 from dronekeypp.model.backbone import Backbone
 from dronekeypp.model.inputs import INPUTS, check_input_shapes, check_label, check_placed, check_values
-from dronekeypp.presets import TrainConfig
+from dronekeypp.presets import PRESETS, TrainConfig
 from dronekeypp.train.precision import set_precision
 from dronekeypp.train.state import TrainState
 
@@ -130,7 +130,8 @@ def check_sets(model: PoseNetwork, train_set: Dataset, val_set: Dataset, config:
     """Check that both sets can be used.
 
     Raises:
-        InputError: a set is empty, or lacks what the network, its evaluation or the mirror needs.
+        InputError: a set is empty, or lacks what the network, its evaluation or the mirror needs, or the
+            training ends before its warm-up does.
     """
     for name, dataset in (("training", train_set), ("validation", val_set)):
         if len(dataset) == 0:
@@ -140,6 +141,13 @@ def check_sets(model: PoseNetwork, train_set: Dataset, val_set: Dataset, config:
     data.require(val_set, (*needed, *data.EVALUATED), f"the validation of {model.method}")
     if config.mirror:
         data.require(train_set, data.MIRRORED, "mirror")
+    steps = config.epochs * math.ceil(min(config.frames or len(train_set), len(train_set)) / config.batch)
+    # A preset's own warm-up was not chosen for this training: a trial on a few frames is over before it.
+    if config.warmup >= steps and config.warmup not in {usual.training.warmup for usual in PRESETS.values()}:
+        raise InputError(
+            f"warmup={config.warmup} steps, and the whole training has {steps}: lr would never be reached; "
+            "set a tenth of them, or train longer"
+        )
 
 
 def prepare(state: TrainState, train_set: Dataset) -> None:
