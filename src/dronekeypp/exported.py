@@ -90,7 +90,7 @@ class OnnxNetwork:
         self._check_graph(path)
 
     def _check_graph(self, path: str | Path) -> None:
-        """Check that the graph has the inputs and outputs that the settings promise.
+        """Check that the graph has the inputs and outputs that the settings promise, and finite answers.
 
         Raises:
             InputError: it has not.
@@ -101,6 +101,11 @@ class OnnxNetwork:
         sized = given[0].shape[2:] == [self.config.image_size] * 2
         if not named or not sized or answers != set(outputs(self.config)):
             raise InputError(f"{path}: its settings are not those of its graph; export it again")
+        S = self.config.image_size
+        K = torch.tensor([[[1500.0, 0, 960], [0, 1500, 540], [0, 0, 1]]])
+        answer = self(torch.full((1, 3, S, S), 0.5), K, torch.tensor([[900.0, 500, 90]]))
+        if not all(value.isfinite().all() for value in answer.values()):
+            raise InputError(f"{path}: its answer to a grey picture is not finite: its weights hold NaN")
 
     @staticmethod
     def installed() -> bool:

@@ -143,7 +143,7 @@ def check_sets(model: PoseNetwork, train_set: Dataset, val_set: Dataset, config:
         data.require(train_set, data.MIRRORED, "mirror")
     steps = config.epochs * math.ceil(min(config.frames or len(train_set), len(train_set)) / config.batch)
     # A preset's own warm-up was not chosen for this training: a trial on a few frames is over before it.
-    if config.warmup >= steps and config.warmup not in {usual.training.warmup for usual in PRESETS.values()}:
+    if config.warmup > steps and config.warmup not in {usual.training.warmup for usual in PRESETS.values()}:
         raise InputError(
             f"warmup={config.warmup} steps, and the whole training has {steps}: lr would never be reached; "
             "set a tenth of them, or train longer"
