@@ -71,10 +71,8 @@ def bench(
         raise InputError("bench cannot measure the memory of a process on Windows; run it in WSL")
     if rounds < 1 or threads < 1:
         raise InputError(f"rounds={rounds}, threads={threads}: at least 1 of each")
-    if not 0 < seconds <= LONGEST:
-        raise InputError(
-            f"seconds={seconds:g}: of each contender in each round, above 0 and at most {LONGEST}"
-        )
+    if not 0 <= seconds <= LONGEST:
+        raise InputError(f"seconds={seconds:g}: of each contender in each round, 0 (once) to {LONGEST}")
     rendering = {}
     if chosen is None:
         rendering = {"rendering": _rendering(threads)}
