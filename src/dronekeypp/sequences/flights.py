@@ -10,7 +10,7 @@ from dronekeypp.errors import InputError
 from dronekeypp.rotations import check_rotation
 
 LONGEST_GAP = 0.5  # seconds, unless the frames lie far apart
-LONGEST_STEP = 3.0  # seconds from frame to frame; above it they are no flight, or the times no seconds
+LONGEST_STEP = 8.0  # seconds; milliseconds of up to 120 frames a second are further apart
 NO_SECONDS = "they are in seconds; divide milliseconds by 1000"
 
 
