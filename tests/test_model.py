@@ -513,7 +513,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
 
 def test_bad_input_to_the_network():
     model, items = network(), batch()
-    wrong_size = r"image has shape \(3, 3, 24, 24\), the network needs \(3, 3, 32, 32\)"
+    wrong_size = r"image has shape \(3, 3, 24, 24\), needed is \(B, 3, 32, 32\)"
     with pytest.raises(InputError, match=wrong_size):
         model(items["image"][..., :24, :24], items["K"], items["square"])
     with pytest.raises(InputError, match="square has shape"):

@@ -106,7 +106,7 @@ def test_it_promises_no_fewer_minutes_than_the_readme_says_it_takes(path):
 
 
 class WithoutDocstringsAndHints(ast.NodeTransformer):
-    """It removes what a notebook may leave out: docstrings and annotations."""
+    """It removes what a notebook may leave out: docstrings, annotations, and the check of the arguments."""
 
     def without_docstring(self, node):
         self.generic_visit(node)
@@ -117,6 +117,8 @@ class WithoutDocstringsAndHints(ast.NodeTransformer):
 
     def visit_FunctionDef(self, node):
         node.returns, node.type_comment = None, None
+        kept = [part for part in node.decorator_list if not ast.unparse(part).startswith("checks(")]
+        node.decorator_list = kept
         return self.without_docstring(node)
 
     def visit_ClassDef(self, node):

@@ -315,14 +315,103 @@ def test_bad_measurements() -> None:
         live.update(2.0, 2 * np.eye(3), np.zeros(3))
     with pytest.raises(InputError, match="time nan"):
         live.update(np.nan, np.eye(3), np.zeros(3))
-    with pytest.raises(InputError, match="rotation_cov must be finite"):
+    with pytest.raises(InputError, match="rotation_cov holds NaN"):
         live.update(2.0, np.eye(3), np.zeros(3), rotation_cov=np.full((3, 3), np.nan))
-    with pytest.raises(InputError, match="position_cov must be finite"):
+    with pytest.raises(InputError, match=r"position_cov must be \(3, 3\)"):
         live.update(2.0, np.eye(3), np.zeros(3), position_cov=np.eye(2))
     assert live.accepted == 1 and live.passed_over == 0  # none of them counted
 
 
 def test_covariances_of_other_frames() -> None:
     R, t, time = true_flight(seconds=1)
-    with pytest.raises(InputError, match="30 poses need covariance"):
+    with pytest.raises(InputError, match="30 poses need as many covariances, got 29"):
         filtered(R, t, time, covariance=np.tile(np.eye(6), (29, 1, 1)))
+
+
+# --- what other units and slips look like ---------------------------------------------------------------
+
+
+def frames(count: int = 4) -> Poses:
+    return np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
+
+
+@pytest.mark.parametrize("smooth", [gaussian, filtered])
+def test_times_in_milliseconds_are_refused(smooth: Callable[..., Poses]) -> None:
+    """Taken for seconds they would lie so far apart that no frame had a neighbour, without a word."""
+    with pytest.raises(InputError, match="time.*33 a frame: they are in seconds"):
+        smooth(*frames(), [0.0, 33.0, 67.0, 100.0])
+    smooth(*frames(), [0.0, 1.0, 2.0, 40.0])  # one frame a second, and once lost for long
+
+
+def test_a_live_filter_refuses_milliseconds() -> None:
+    live = LiveFilter()
+    with pytest.raises(InputError, match="time rises by 33 again and again: they are in seconds"):
+        for frame in range(5):
+            live.update(33.0 * frame, np.eye(3), np.zeros(3))
+
+
+def test_a_live_filter_may_lose_the_drone_for_long() -> None:
+    live = LiveFilter()
+    for start in (0.0, 100.0, 200.0, 300.0, 400.0):
+        for frame in range(3):
+            assert live.update(start + 0.1 * frame, np.eye(3), np.zeros(3)) is not None
+    for frame in range(100):
+        live.update(500 + frame / 10, None, None)
+
+
+@pytest.mark.parametrize(
+    ("setting", "value"),
+    [
+        ("position_noise", -0.15),
+        ("rotation_noise", 0.0),
+        ("acceleration", -3.0),
+        ("turning", np.nan),
+        ("gate", 99.9),
+        ("longest_gap", -1.0),
+        ("patience", 0),
+    ],
+)
+def test_impossible_settings_of_the_live_filter(setting: str, value: float) -> None:
+    with pytest.raises(InputError, match=f"^{setting}={value}"):
+        LiveFilter(**{setting: value})
+
+
+INDEFINITE = np.eye(3)
+INDEFINITE[0, 1] = INDEFINITE[1, 0] = 2.0
+
+
+@pytest.mark.parametrize(
+    ("covariance", "match"),
+    [
+        (INDEFINITE, "position_cov is no covariance: indefinite"),
+        (-np.eye(3), "position_cov is no covariance: a variance is -1"),
+        (np.triu(np.ones((3, 3))), "position_cov is no covariance: not symmetric"),
+        (np.eye(3) * 1j, "position_cov holds complex"),
+    ],
+)
+def test_what_is_no_covariance(covariance: np.ndarray, match: str) -> None:
+    with pytest.raises(InputError, match=match):
+        LiveFilter().update(0.0, np.eye(3), np.zeros(3), position_cov=covariance)
+
+
+def test_indefinite_covariances_of_a_flight() -> None:
+    covariance = np.tile(np.eye(6), (4, 1, 1))
+    covariance[2, 0, 1] = covariance[2, 1, 0] = 2.0
+    with pytest.raises(InputError, match="covariance is no covariance: indefinite"):
+        filtered(*frames(), [0.0, 0.1, 0.2, 0.3], covariance=covariance)
+    with pytest.raises(InputError, match="covariance is no covariance: indefinite"):
+        inverse_variances(covariance)
+    with pytest.raises(InputError, match=r"needed is \(F, 6, 6\)"):
+        inverse_variances(covariance[0])
+
+
+def test_a_pose_needs_both_its_parts() -> None:
+    with pytest.raises(InputError, match="both R and t"):
+        LiveFilter().update(0.0, None, np.zeros(3))
+
+
+def test_gaps_are_seconds_above_0() -> None:
+    with pytest.raises(InputError, match="longest_gap=-1.0"):
+        gaussian(*frames(), [0.0, 0.1, 0.2, 0.3], longest_gap=-1.0)
+    with pytest.raises(InputError, match=r"time has shape \(4, 1\)"):
+        gaussian(*frames(), np.zeros((4, 1)))

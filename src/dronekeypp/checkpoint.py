@@ -289,8 +289,8 @@ def load_state(module: nn.Module, state: dict[str, Tensor], path: str | Path) ->
     It is `load_state_dict` with one kind of error.
 
     Raises:
-        InputError: a tensor is missing, unknown or of another shape. The message names the file and the first
-            such tensor.
+        InputError: a tensor is missing, unknown, of another shape or type, or holds NaN. The message names
+            the file and the first such tensor.
     """
     own = module.state_dict()
     missing, extra = sorted(set(own) - set(state)), sorted(set(state) - set(own))
@@ -299,9 +299,26 @@ def load_state(module: nn.Module, state: dict[str, Tensor], path: str | Path) ->
     if extra:
         raise InputError(f"{path} has an unknown tensor {extra[0]!r}: it belongs to another configuration")
     for key, value in state.items():
-        if value.shape != own[key].shape:
-            raise InputError(
-                f"{path}: {key!r} has shape {tuple(value.shape)}, "
-                f"the configuration needs {tuple(own[key].shape)}"
-            )
+        check_tensor(f"{path}: {key!r}", value, own[key])
     module.load_state_dict(state)
+
+
+def check_tensor(name: str, value: Tensor, own: Tensor) -> None:
+    """Check that a stored tensor can take the place of a network's `own`.
+
+    Weights may have been stored in another precision; the integers and truth values of quantised or edited
+    files are no weights.
+
+    Raises:
+        InputError: it has another shape or another kind of numbers, or is not finite as `own` would hold it.
+    """
+    if value.shape != own.shape:
+        raise InputError(f"{name} has shape {tuple(value.shape)}, the configuration needs {tuple(own.shape)}")
+    if (
+        value.is_floating_point() != own.is_floating_point()
+        or value.is_complex()
+        or value.dtype == torch.bool
+    ):
+        raise InputError(f"{name} holds {value.dtype}, the network {own.dtype}: no weights of this network")
+    if not value.to(own.dtype).isfinite().all():
+        raise InputError(f"{name} holds NaN or infinity: the training diverged, or the file was changed")

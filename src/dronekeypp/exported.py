@@ -16,6 +16,7 @@ from torch import Tensor
 from dronekeypp import checkpoint
 from dronekeypp.errors import InputError
 from dronekeypp.model import DECODERS, ModelConfig
+from dronekeypp.model.inputs import check_input_shapes, check_values
 
 EXTRA = ("onnx", "onnxscript", "onnxruntime")  # what the optional extra installs
 INPUTS = ("image", "K", "square")
@@ -58,6 +59,7 @@ class OnnxNetwork:
 
     method = "DroneKey++"
     truth_inputs = ()
+    checks_inputs = True
 
     def __init__(self, path: str | Path, threads: int = 0) -> None:
         require_packages("onnxruntime")
@@ -88,7 +90,7 @@ class OnnxNetwork:
         self._check_graph(path)
 
     def _check_graph(self, path: str | Path) -> None:
-        """Check that the graph has the inputs and outputs that the settings promise.
+        """Check that the graph has the inputs and outputs that the settings promise, and finite answers.
 
         Raises:
             InputError: it has not.
@@ -99,6 +101,11 @@ class OnnxNetwork:
         sized = given[0].shape[2:] == [self.config.image_size] * 2
         if not named or not sized or answers != set(outputs(self.config)):
             raise InputError(f"{path}: its settings are not those of its graph; export it again")
+        S = self.config.image_size
+        K = torch.tensor([[[1500.0, 0, 960], [0, 1500, 540], [0, 0, 1]]])
+        answer = self(torch.full((1, 3, S, S), 0.5), K, torch.tensor([[900.0, 500, 90]]))
+        if not all(value.isfinite().all() for value in answer.values()):
+            raise InputError(f"{path}: its answer to a grey picture is not finite: its weights hold NaN")
 
     @staticmethod
     def installed() -> bool:
@@ -115,10 +122,20 @@ class OnnxNetwork:
 
         Returns:
             a tensor for each name of `outputs`.
+
+        Raises:
+            InputError: an argument does not fit, see `model.inputs`.
         """
-        arrays = {}
+        given = {}
         for name, value in zip(INPUTS, (image, K, square), strict=True):
-            value = torch.as_tensor(value).detach().cpu()
+            given[name] = torch.as_tensor(value).detach().cpu()
+        check_input_shapes(given, self.config.image_size)
+        if not given["image"].is_floating_point():
+            raise InputError(f"image is {given['image'].dtype}, RGB in [0, 1] is needed: divide by 255")
+        if self.checks_inputs:
+            check_values(given, None)
+        arrays = {}
+        for name, value in given.items():
             arrays[name] = np.ascontiguousarray(value, dtype=np.float32)
         names = outputs(self.config)
         answers = self.session.run(list(names), arrays)

@@ -82,8 +82,7 @@ def _whole_number(text: str) -> int | float:
     return int(text) if len(text) < 300 else float(text)
 
 
-@contextlib.contextmanager
-def lock_folder(folder: Path) -> Iterator[None]:
+def lock_folder(folder: Path) -> contextlib.AbstractContextManager[None]:
     """Hold a folder while writing to it.
 
     Two processes that work in one folder would undo each other's work.
@@ -91,7 +90,17 @@ def lock_folder(folder: Path) -> Iterator[None]:
     Raises:
         InputError: another process holds the folder.
     """
-    lock = folder / LOCK
+    message = f"another process is at work in {folder}: let it finish, or choose another folder"
+    return lock_file(folder / LOCK, message)
+
+
+@contextlib.contextmanager
+def lock_file(lock: Path, message: str) -> Iterator[None]:
+    """Hold a lock, which is a file that is there as long.
+
+    Raises:
+        InputError: another process holds it, which `message` says, or the file is a link.
+    """
     if lock.is_symlink():
         raise InputError(f"{lock}: a link, and a lock is a file; remove it")
     try:
@@ -103,9 +112,7 @@ def lock_folder(folder: Path) -> Iterator[None]:
                 with contextlib.suppress(OSError):
                     lock.unlink()
     except Timeout:
-        raise InputError(
-            f"another process is at work in {folder}: let it finish, or choose another folder"
-        ) from None
+        raise InputError(message) from None
 
 
 def digest(content: bytes) -> str:

@@ -59,8 +59,8 @@ class FrameDataset(Dataset):
         manifest: the manifest of 6DroneSyn; {} for any other folder.
 
     Raises:
-        InputError: on opening, there is no such split, or annotations are missing or malformed; on reading an
-            image, it is missing or cut off.
+        InputError: on opening, an argument is out of its range, there is no such split, or annotations are
+            missing or malformed; on reading an image, it is missing or cut off.
     """
 
     def __init__(
@@ -74,6 +74,9 @@ class FrameDataset(Dataset):
         drones: Sequence[str] | None = None,
         degrade: bool = False,
     ) -> None:
+        for name, value, least in (("size", size, 1), ("stride", stride, 1), ("seed", seed, 0)):
+            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+                raise InputError(f"{name}={value!r}: a whole number, at least {least}")
         self.root, self.split, self.size, self.seed = Path(root), split, size, seed
         self.augment, self.degrade, self.epoch = augment, degrade, 0
         self.manifest = folders.read_manifest(self.root)

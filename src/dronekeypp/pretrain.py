@@ -36,13 +36,15 @@ from dronekeypp.camera import from_crop, rays
 from dronekeypp.classes import DroneClass
 from dronekeypp.data import FrameDataset, open_dataset
 from dronekeypp.errors import InputError
-from dronekeypp.files import check_replaceable, command_line, remove_unfinished, write_beside
+from dronekeypp.files import check_replaceable, command_line, lock_file, remove_unfinished, write_beside
 from dronekeypp.model.backbone import Backbone, save_backbone
 from dronekeypp.model.base import PoseNetwork
 from dronekeypp.model.config import BackboneConfig
 from dronekeypp.model.encoder import cell_centres
 from dronekeypp.presets import TrainConfig, preset
 from dronekeypp.train import BrokenState, TrainState, choose_device, describe_data, fit
+
+FEW_DRONES = 50  # from fewer, a backbone learns these drones rather than what drones look like
 
 
 class PretrainNet(PoseNetwork):
@@ -216,10 +218,32 @@ def pretrain(
         )
         parts.append(part)
     train_set = parts[0] if len(parts) == 1 else Joined(parts)
-    val_set = open_dataset(val_root or dataset_roots[0], "val", size=size)
+    val_set = _validation_set(dataset_roots[0], val_root, size)
     seen = {part.drones[label].name for part in parts for label in set(part.labels)}
+    if progress and len(seen) < FEW_DRONES:
+        print(
+            f"{len(seen)} drones to learn from: the backbone will know these, and hardly what drones look "
+            "like; ours saw 480 (generate --quadrotors 0:600)"
+        )
     facts = {"command": command or command_line(), "drones": ", ".join(sorted(seen))}
     return pretrain_to(train_set, val_set, out_file, model_config, config, resume, progress, facts)
+
+
+def _validation_set(first: str | Path, val_root: str | Path | None, size: int) -> FrameDataset:
+    """Open the frames that judge the backbone: those of `val_root` or, without it, of the first data set.
+
+    Raises:
+        InputError: there are none.
+    """
+    try:
+        return open_dataset(val_root or first, "val", size=size)
+    except InputError as error:
+        if val_root is not None:
+            raise
+        raise InputError(
+            f"{error}; name another data set with --val (of random quadrotors, those whose number ends in 8 "
+            "fly in the validation scenes: generate --quadrotors 0:10 has one)"
+        ) from None
 
 
 def pretrain_to(
@@ -239,6 +263,26 @@ def pretrain_to(
     itself knows.
     """
     out_file = Path(out_file)
+    out_file.parent.mkdir(parents=True, exist_ok=True)
+    busy = f"another process is at work on {out_file}: let it finish, or choose another name"
+    with lock_file(out_file.with_name(f".{out_file.name}.lock"), busy):
+        return _pretrain_to(
+            train_set, val_set, out_file, model_config, config, resume, progress, facts, on_epoch
+        )
+
+
+def _pretrain_to(
+    train_set: Dataset,
+    val_set: Dataset,
+    out_file: Path,
+    model_config: BackboneConfig,
+    config: TrainConfig,
+    resume: bool,
+    progress: bool,
+    facts: dict[str, str] | None,
+    on_epoch: Callable[[TrainState], None] | None,
+) -> Path:
+    """Do the work of `pretrain_to` while it holds the place of the file."""
     if out_file.exists() or out_file.is_symlink():
         raise InputError(f"{out_file} exists already; choose another name or remove it")
     half_way = out_file.with_name(out_file.name + ".resume")
@@ -253,7 +297,6 @@ def pretrain_to(
             state.load(half_way)
         except BrokenState as error:
             raise InputError(f"{error}: remove it, and start again without --resume") from None
-    out_file.parent.mkdir(parents=True, exist_ok=True)
     remove_unfinished(out_file.parent, (out_file.name, half_way.name))
 
     def keep(state: TrainState) -> None:

@@ -15,10 +15,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from dronekeypp.checked import as_float64, check_ends, checks
 from dronekeypp.errors import InputError
 
 # Level frame ← camera: forward = z, left = −x, up = −y.
 LEVEL_FROM_CAMERA = ((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))
+
+# By how much an entry of RᵀR of a predicted rotation may differ from the identity. Networks answer in float32
+# or less.
+PREDICTED = 1e-2
 
 
 def to_level(M: Tensor) -> Tensor:
@@ -167,6 +172,20 @@ def mirror_points(points: Tensor) -> Tensor:
     return points * torch.tensor([-1.0, 1.0, 1.0], dtype=points.dtype, device=points.device)
 
 
+def _check_pair(R1: Tensor, R2: Tensor) -> None:
+    """Check the arguments of `geodesic_degrees`."""
+    check_ends("R1", R1, 3, 3)
+    check_ends("R2", R2, 3, 3)
+    # One against many is meant; one frame of a batch of one against many is a slip.
+    if R1.ndim == R2.ndim and R1.shape != R2.shape and 1 not in (len(R1), len(R2)):
+        raise InputError(f"R1 has shape {tuple(R1.shape)}, R2 {tuple(R2.shape)}: not as many rotations")
+    if torch.is_grad_enabled() and (R1.requires_grad or R2.requires_grad):
+        return  # a loss in training knows its rotations
+    check_rotation(R1, "R1", PREDICTED, nan=True)
+    check_rotation(R2, "R2", PREDICTED, nan=True)
+
+
+@checks(_check_pair)
 def geodesic_degrees(R1: Tensor, R2: Tensor) -> Tensor:
     """Return the angle between rotations in degrees, as in Eq. 13: the angle of R1ᵀR2.
 
@@ -177,7 +196,11 @@ def geodesic_degrees(R1: Tensor, R2: Tensor) -> Tensor:
         R2: (…, 3, 3) rotations.
 
     Returns:
-        (…) degrees, from 0 to 180.
+        (…) degrees, from 0 to 180; NaN for a rotation that holds NaN.
+
+    Raises:
+        InputError: the shapes do not fit, or there is a matrix that is no rotation. A loss, through which
+            gradients go, does not look.
     """
     M = R1.transpose(-1, -2) @ R2
     axis = torch.stack(
@@ -188,7 +211,7 @@ def geodesic_degrees(R1: Tensor, R2: Tensor) -> Tensor:
 
 
 def check_rotation(
-    R: Tensor | np.ndarray, name: str = "rotation", tolerance: float = 1e-4
+    R: Tensor | np.ndarray, name: str = "rotation", tolerance: float = 1e-4, nan: bool = False
 ) -> Tensor | np.ndarray:
     """Check rotations (…, 3, 3) and return them unchanged.
 
@@ -196,20 +219,24 @@ def check_rotation(
         R: the rotations.
         name: what an error message calls them.
         tolerance: by how much an entry of RᵀR may differ from the identity.
+        nan: whether a matrix that holds NaN or infinity, such as that of a frame without a pose, is passed
+            over.
 
     Raises:
         InputError: the shape is wrong, a value is NaN or infinite, R is not orthonormal, or it is a
             reflection (determinant −1).
     """
-    M = torch.as_tensor(R, dtype=torch.float64)
+    M = as_float64(R, name)
     if M.shape[-2:] != (3, 3):
-        raise InputError(f"{name}: expected a 3×3 matrix, got shape {tuple(M.shape)}")
-    if not torch.isfinite(M).all():
+        raise InputError(f"{name}: expected a 3×3 matrix, got shape {M.shape}")
+    finite = np.isfinite(M).all(axis=(-2, -1))
+    if not (nan or finite.all()):
         raise InputError(f"{name}: holds NaN or infinity")
-    off = (M.transpose(-1, -2) @ M - torch.eye(3, dtype=M.dtype)).abs()
-    if (off > tolerance).any():
-        raise InputError(f"{name}: not orthonormal (RᵀR differs from the identity by {off.max():.2g})")
-    if (torch.linalg.det(M) < 0).any():
+    M = M[finite]  # (F, 3, 3)
+    off = np.abs(M.swapaxes(-1, -2) @ M - np.eye(3)).max(initial=0)
+    if off > tolerance:
+        raise InputError(f"{name}: not orthonormal (RᵀR differs from the identity by {off:.2g})")
+    if (np.linalg.det(M) < 0).any():
         raise InputError(f"{name}: determinant −1, a reflection; swap two keypoints or flip one axis")
     return R
 

@@ -5,7 +5,9 @@ MIT code. It is an optional extra: nothing else needs it, and it is used through
 only in a process of its own, because it changes threads, print options and settings of the process it runs
 in. Install it with `pip install -e ".[yolo]"`.
 
-It has its own training loop, augmentation and checkpoints (.pt, pickled: read only those you made yourself).
+It has its own training loop, augmentation and checkpoints (.pt, pickled: a file of somebody else's may run
+what it likes). A training that goes on reads only files that it wrote itself, which it knows by their
+digests. Whose file `detect` reads is up to the caller.
 """
 
 from __future__ import annotations
@@ -31,11 +33,12 @@ from dronekeypp.baselines.yolo_layout import HIDDEN, SEEN, label_line, write_dat
 from dronekeypp.classes import names_of
 from dronekeypp.data import FrameDataset
 from dronekeypp.errors import InputError
-from dronekeypp.files import read_json, write_beside, write_json
+from dronekeypp.files import digest, read_json, write_beside, write_json
 
 METHOD = "YOLOv8n-pose + PnP"
 CONFIDENCE = 0.001  # every crop holds one drone, so the likeliest box counts, however unlikely
 LOG, SETTINGS = "epochs.csv", "settings.json"
+WRITTEN = "written.json"  # beside the copies: {digest of a checkpoint: the number of epochs behind it}
 KEPT = "kept"  # folder of the checkpoints' copies, and of the number of epochs behind them
 
 # What YOLO says of one picture: the keypoints (4, 2) in pixels and the class, or None where it found nothing.
@@ -172,11 +175,31 @@ def epochs_done(out: Path) -> int:
     return int(number.read_text()) if number.is_file() else 0
 
 
+def epochs_behind(last: Path, written: Any) -> int:
+    """Return how many epochs are behind the checkpoint that a training goes on from.
+
+    Args:
+        last: the checkpoint, which the library will unpickle.
+        written: what WRITTEN holds.
+
+    Raises:
+        InputError: this training did not write the file.
+    """
+    epochs = written.get(digest(last.read_bytes())) if isinstance(written, dict) else None
+    if type(epochs) is not int:
+        raise InputError(
+            f"{last} is not a file that this training wrote, and reading it could run anything: "
+            f"remove {last.parents[1]} and train again"
+        )
+    return epochs
+
+
 def _train(data: Path, out: Path, settings: dict[str, Any], device: str) -> None:
     """Train or go on, in a process of its own, and keep both checkpoints after every epoch."""
     YOLO = library(out / "library")
     folder = out / KEPT
     folder.mkdir(exist_ok=True)
+    written = read_json(folder / WRITTEN) if (folder / WRITTEN).is_file() else {}
     epoch_began = time.monotonic()
 
     def keep(trainer: Any) -> None:
@@ -188,13 +211,14 @@ def _train(data: Path, out: Path, settings: dict[str, Any], device: str) -> None
         epoch_began = time.monotonic()
         for path in (trainer.best, trainer.last):
             shutil.copyfile(path, folder / f".{path.name}")
+        written[digest((folder / f".{trainer.last.name}").read_bytes())] = trainer.epoch + 1
+        write_json(folder / WRITTEN, written)  # before the file itself has its name
+        for path in (trainer.best, trainer.last):
             os.replace(folder / f".{path.name}", folder / path.name)
         write_beside(folder / "epoch", str(trainer.epoch + 1).encode())
 
     last = folder / "last.pt"
-    epochs = 0
-    if last.is_file():
-        epochs = torch.load(last, map_location="cpu", weights_only=False)["epoch"] + 1
+    epochs = epochs_behind(last, written) if last.is_file() else 0
     if epochs >= settings["epochs"]:
         # A kill between the two writes left last.pt one epoch ahead of its number.
         write_beside(folder / "epoch", str(epochs).encode())

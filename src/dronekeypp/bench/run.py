@@ -28,6 +28,8 @@ from dronekeypp.exported import OnnxNetwork
 from dronekeypp.files import check_writable, write_json
 from dronekeypp.processes import end_with_parent, ending_children
 
+LONGEST = 3600  # seconds that a contender may run in a round
+
 
 def bench(
     checkpoints: str | Path | Sequence[str | Path],
@@ -59,7 +61,7 @@ def bench(
 
     Raises:
         InputError: a checkpoint cannot be read, the folder of `json_file` does not exist, a number is too
-            small, or this is Windows.
+            small or too large, or this is Windows.
     """
     if json_file:
         check_writable(Path(json_file))  # before the work, not after it
@@ -69,6 +71,8 @@ def bench(
         raise InputError("bench cannot measure the memory of a process on Windows; run it in WSL")
     if rounds < 1 or threads < 1:
         raise InputError(f"rounds={rounds}, threads={threads}: at least 1 of each")
+    if not 0 <= seconds <= LONGEST:
+        raise InputError(f"seconds={seconds:g}: of each contender in each round, 0 (once) to {LONGEST}")
     rendering = {}
     if chosen is None:
         rendering = {"rendering": _rendering(threads)}

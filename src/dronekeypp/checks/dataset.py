@@ -37,8 +37,12 @@ def drone_and_camera(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, 
 
 
 def hub_pixels(hubs: np.ndarray, R: np.ndarray, t: np.ndarray, K: np.ndarray) -> np.ndarray:
-    """Solve the exercise: the pixels (4, 2) of the hubs."""
-    return camera.project(hubs @ R.T + t, K)
+    """Solve the exercise: the pixels (4, 2) of the hubs.
+
+    It is what `camera.project` computes, without its checks, so that the mistakes may go into it.
+    """
+    pixels = homogeneous_pixels(hubs, R, t, K)
+    return pixels[:, :2] / pixels[:, 2:]
 
 
 def homogeneous_pixels(hubs: np.ndarray, R: np.ndarray, t: np.ndarray, K: np.ndarray) -> np.ndarray:

@@ -22,6 +22,8 @@ import torch
 from torch import Tensor
 
 from dronekeypp import rotations
+from dronekeypp.checked import check_shapes
+from dronekeypp.errors import InputError
 from dronekeypp.model.encoder import layer_spread
 
 MARGIN = 1.2  # side of the crops that are evaluated over the longer side of the box
@@ -61,7 +63,12 @@ def frame_errors(output: dict, batch: dict) -> dict[str, np.ndarray]:
         R, t, keypoints: the prediction itself.
         scene, frame, subsequence: as in the batch.
         gate, layer_spread: (B, N) of Eq. 3, and crop units; only of a network that has them.
+
+    Raises:
+        InputError: an array has not one entry a frame, an R is no rotation (NaN stands for "no pose"), or a
+            label is not one of the network's classes.
     """
+    check_frames(output, batch)
     R, t = batch["R"], batch["t"]
     output = in_precision_of(t, output)
     nothing = torch.full_like(t[:, 0], torch.nan)  # (B,)
@@ -79,6 +86,37 @@ def frame_errors(output: dict, batch: dict) -> dict[str, np.ndarray]:
     for name in ("scene", "frame", "subsequence"):
         errors[name] = batch[name]
     return {name: value.detach().cpu().numpy() for name, value in errors.items()}
+
+
+def check_frames(output: dict, batch: dict) -> None:
+    """Check that a network's answers and the truth are of the same frames, and that rotations are rotations.
+
+    Raises:
+        InputError: they are not. The message names the array.
+    """
+    check_shapes(
+        **{
+            "the batch's t": (batch["t"], ("B", 3)),
+            "the batch's R": (batch["R"], ("B", 3, 3)),
+            "the batch's label": (batch["label"], ("B",)),
+            "the batch's square": (batch["square"], ("B", 3)),
+            "the batch's keypoints": (batch.get("keypoints"), ("B", 4, 2)),
+            "the predicted R": (output.get("R"), ("B", 3, 3)),
+            "the predicted t": (output.get("t"), ("B", 3)),
+            "the predicted keypoints": (output.get("keypoints"), ("B", 4, 2)),
+            "the predicted class_probs": (output.get("class_probs"), ("B", "C")),
+            "the answer's failed": (output.get("failed"), ("B",)),
+        }
+    )
+    rotations.check_rotation(batch["R"], "the batch's R", rotations.PREDICTED)
+    if output.get("R") is not None:
+        rotations.check_rotation(output["R"], "the predicted R", rotations.PREDICTED, nan=True)
+    probs, label = output.get("class_probs"), batch["label"]
+    if probs is not None and len(label) and not 0 <= int(label.min()) <= int(label.max()) < probs.shape[1]:
+        raise InputError(
+            f"labels from {int(label.min())} to {int(label.max())}, "
+            f"and the network tells {probs.shape[1]} classes apart, counted from 0"
+        )
 
 
 def in_precision_of(truth: Tensor, output: dict) -> dict:

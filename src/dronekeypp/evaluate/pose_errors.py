@@ -8,7 +8,7 @@ Each compares where an estimated pose (R_est, t_est) and the true pose (R, t) pu
     MSPD    the same of their projections, in pixels
 
 Shapes: B poses, M points, S symmetries. Poses are camera←body, lengths metres. A value that is NaN in a pose
-is NaN in its error.
+is NaN in its error. Shapes that do not fit, and matrices that are no rotations, raise InputError.
 
 References:
     [1] Hinterstoisser et al., "Model Based Training, Detection and Pose Estimation of Texture-Less 3D Objects
@@ -24,9 +24,74 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from dronekeypp.camera import project
+from dronekeypp.camera import check_intrinsics, project
+from dronekeypp.checked import as_float64, check_finite, check_shapes, checks
+from dronekeypp.errors import InputError
+from dronekeypp.rotations import PREDICTED, check_rotation
 
 
+def _check_poses(
+    R_est: np.ndarray, t_est: np.ndarray, R: np.ndarray, t: np.ndarray, points: np.ndarray
+) -> None:
+    """Check the arguments that all errors have.
+
+    Raises:
+        InputError: the shapes do not fit, or a matrix is no rotation. NaN stands for "no pose".
+    """
+    check_shapes(
+        R_est=(R_est, ("B", 3, 3)),
+        t_est=(t_est, ("B", 3)),
+        R=(R, ("B", 3, 3)),
+        t=(t, ("B", 3)),
+        points=(points, ("M", 3)),
+    )
+    check_rotation(R_est, "R_est", PREDICTED, nan=True)
+    check_rotation(R, "R", PREDICTED, nan=True)
+    if len(points) == 0:
+        raise InputError("points: none")
+    check_finite("points", as_float64(points, "points"))
+
+
+def _check_symmetries(symmetries: np.ndarray) -> None:
+    """Raise InputError unless symmetries are motions (S, 4, 4)."""
+    check_shapes(symmetries=(symmetries, ("S", 4, 4)))
+    if len(symmetries) == 0:
+        raise InputError("symmetries: none, and the identity is one")
+    check_rotation(symmetries[:, :3, :3], "symmetries")
+    if (symmetries[:, 3] != [0, 0, 0, 1]).any():
+        raise InputError("symmetries: the last row of a motion is (0, 0, 0, 1)")
+
+
+def _check_mssd(
+    R_est: np.ndarray,
+    t_est: np.ndarray,
+    R: np.ndarray,
+    t: np.ndarray,
+    points: np.ndarray,
+    symmetries: np.ndarray,
+) -> None:
+    """Check the arguments of `mssd`."""
+    _check_poses(R_est, t_est, R, t, points)
+    _check_symmetries(symmetries)
+
+
+def _check_mspd(
+    R_est: np.ndarray,
+    t_est: np.ndarray,
+    R: np.ndarray,
+    t: np.ndarray,
+    K: np.ndarray,
+    points: np.ndarray,
+    symmetries: np.ndarray,
+) -> None:
+    """Check the arguments of `mspd`."""
+    _check_poses(R_est, t_est, R, t, points)
+    check_shapes(t=(t, ("B", 3)), K=(K, ("B", 3, 3)))
+    check_intrinsics(K, "K")
+    _check_symmetries(symmetries)
+
+
+@checks(_check_poses)
 def add(R_est: np.ndarray, t_est: np.ndarray, R: np.ndarray, t: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Return ADD: the mean distance of the points in the two poses [1].
 
@@ -41,6 +106,7 @@ def add(R_est: np.ndarray, t_est: np.ndarray, R: np.ndarray, t: np.ndarray, poin
     return _distances(R_est, t_est, R, t, points).mean(axis=1)
 
 
+@checks(_check_poses)
 def adds(
     R_est: np.ndarray, t_est: np.ndarray, R: np.ndarray, t: np.ndarray, points: np.ndarray
 ) -> np.ndarray:
@@ -69,6 +135,7 @@ def adds(
     return errors
 
 
+@checks(_check_mssd)
 def mssd(
     R_est: np.ndarray,
     t_est: np.ndarray,
@@ -98,6 +165,7 @@ def mssd(
     return errors
 
 
+@checks(_check_mspd)
 def mspd(
     R_est: np.ndarray,
     t_est: np.ndarray,

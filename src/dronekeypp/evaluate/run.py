@@ -19,6 +19,7 @@ from dronekeypp.errors import InputError
 from dronekeypp.evaluate.errors import frame_errors
 from dronekeypp.evaluate.statistics import Frames
 from dronekeypp.frame_dataset import FrameDataset, Relabelled
+from dronekeypp.model.inputs import without_checks
 
 # An error that must be finite, and the part of the output that it needs.
 MUST_BE_FINITE = {"R_deg": "R", "t_m": "t", "keypoint_units": "keypoints"}
@@ -119,7 +120,7 @@ def evaluate(
     was_training = network.training
     network.eval()
     try:
-        with loading(workers), torch.inference_mode():
+        with loading(workers), torch.inference_mode(), asking(model, dataset):
             loader = batches_of(dataset, batch, workers)
             for items in progress(loader) if progress else loader:
                 items = to_device(items, device)
@@ -136,6 +137,19 @@ def evaluate(
     if criterion:
         frames["losses"] = {name: total / len(dataset) for name, total in sums.items()}
     return frames
+
+
+def asking(
+    model: nn.Module | Callable[..., dict], dataset: Dataset
+) -> contextlib.AbstractContextManager[None]:
+    """Return the context in which a network is asked about a data set.
+
+    A data set on disk was checked when it was opened, and its crops are cut here. The items of any other are
+    looked at, see `model.inputs`.
+    """
+    if isinstance(data.underlying(dataset), (FrameDataset, Relabelled)):
+        return without_checks(model)
+    return contextlib.nullcontext()
 
 
 def measured_errors(output: dict, items: dict) -> list[str]:

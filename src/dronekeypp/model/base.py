@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from dronekeypp import checkpoint
 from dronekeypp.classes import DroneClass, unnamed
 from dronekeypp.errors import InputError
+from dronekeypp.model.inputs import check_call
 from dronekeypp.settings import Settings
 
 
@@ -38,9 +39,12 @@ class PoseNetwork(nn.Module):
     judged_by: ClassVar[str] = "pose"  # what chooses the best checkpoint: "pose" | "keypoints"
     defaults: ClassVar[dict[str, Any]] = {}  # settings in which it differs from a preset, unless chosen
     config: Settings
+    # Whether a call outside of training looks at the values that it is given, see `model.inputs`.
+    checks_inputs: bool = True
 
     def __init__(self) -> None:
         super().__init__()
+        self.register_forward_pre_hook(check_call, with_kwargs=True)
         # The backbone may learn at a rate of its own (`TrainConfig.backbone_lr`).
         self.backbone: nn.Module | None = None
         self._drones: tuple[DroneClass, ...] | None = None

@@ -223,10 +223,10 @@ class DroneKeyPP(PoseNetwork):
             t: (B, 3) metres.
 
         Raises:
-            InputError: shapes do not fit, the truth is missing with encoder="truth", or there is no image for
-                a decoder that looks at it.
+            InputError: the truth is missing with encoder="truth", or there is no image for a decoder that
+                looks at it. A call also checks shapes and values, see `model.inputs`.
         """
-        self._check(image, K, square, keypoints, label)
+        self._check_truth(image, keypoints, label)
         if self.encoder is not None and (image is not None or keypoints is None or label is None):
             encoded = self.encode(image)
         else:
@@ -242,30 +242,12 @@ class DroneKeyPP(PoseNetwork):
         encoded["class_probs"] = probs
         return {**encoded, **self.decode(encoded, probs, K, square)}
 
-    def _check(
-        self,
-        image: Tensor | None,
-        K: Tensor,
-        square: Tensor,
-        keypoints: Tensor | None,
-        label: Tensor | None,
-    ) -> None:
-        """Check the inputs of `forward`.
+    def _check_truth(self, image: Tensor | None, keypoints: Tensor | None, label: Tensor | None) -> None:
+        """Check that the inputs of `forward` hold all that this configuration needs.
 
         Raises:
             InputError: as described there.
         """
-        B, S = K.shape[0], self.config.image_size
-        wanted = {
-            "K": (K, (B, 3, 3)),
-            "square": (square, (B, 3)),
-            "image": (image, (B, 3, S, S)),
-            "keypoints": (keypoints, (B, 4, 2)),
-            "label": (label, (B,)),
-        }
-        for name, (value, shape) in wanted.items():
-            if value is not None and tuple(value.shape) != shape:
-                raise InputError(f"{name} has shape {tuple(value.shape)}, the network needs {shape}")
         without_truth = keypoints is None or label is None
         if self.config.encoder == "truth" and without_truth:
             raise InputError('this network has encoder="truth": give it the true keypoints and label')

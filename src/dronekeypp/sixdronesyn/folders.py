@@ -163,7 +163,10 @@ def flight_facts(folder: Path, flight: dict[str, Any]) -> tuple[int, dict[int, s
     """
     try:
         digests = {int(number): pair[0] for number, pair in flight["digests"].items()}
-        return int(flight["scene"]), digests
+        scene = flight["scene"]
+        if type(scene) is not int:
+            raise TypeError(f"{scene!r} is no number of a scene")
+        return scene, digests
     except (KeyError, TypeError, ValueError, AttributeError, IndexError):
         raise InputError(
             f"{folder / 'flight.json'}: no scene and digests; generate this flight again"

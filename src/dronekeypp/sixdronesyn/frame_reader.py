@@ -17,6 +17,7 @@ from dronekeypp.rotations import check_rotation
 from dronekeypp.sixdronesyn.annotation import MM, Frame
 from dronekeypp.sixdronesyn.instances import Instances
 
+FEW_BOXES = 3  # of a flight: from fewer nothing is concluded
 SCENE_FILES = ("scene_camera.json", "scene_gt.json", "scene_gt_info.json")
 
 
@@ -39,8 +40,8 @@ def frames_from(
 
     Raises:
         InputError: a missing field, a wrong shape, NaN, a matrix that is no rotation, an unknown drone, a
-            drone behind the camera, a box or crop without area, a box whose middle lies outside the crop or
-            the frame, a camera matrix that is not that of the crop.
+            drone behind the camera or far from its box, a box or crop without area, a box whose middle lies
+            outside the crop or the frame, a camera matrix that is not that of the crop.
     """
     instances = Instances([folder / name for name in SCENE_FILES], rows)
     square = _squares(instances)
@@ -60,6 +61,8 @@ def frames_from(
     for i, truth in enumerate(instances.entries[1]):
         obj_ids.append(_object_id(truth, models, instances.where(1, i)))
     box = _boxes(instances, square, scale, size)
+    if t is not None:
+        _check_place(instances, K, t, box)
 
     hubs = instances.optional(1, "keypoints_body", (4, 3))
     if hubs is not None:
@@ -76,8 +79,10 @@ def frames_from(
         keypoints_2d = keypoints_2d / scale[:, None, None] + square[:, None, :2]
     if keypoints_2d is None and keypoints_3d is not None:
         keypoints_2d = project(keypoints_3d, K)
-    visible = instances.optional(1, "keypoints_visible", (4,))
+    visible = instances.optional(1, "keypoints_visible", (4,), truth=True)
     if visible is not None:
+        strange = ((visible != 0) & (visible != 1)).any(axis=1)
+        instances.refuse(strange, 1, "keypoints_visible is not a list of true and false")
         visible = visible.astype(bool)
 
     stacks = {
@@ -181,6 +186,27 @@ def _boxes(
     outside = (middle < corner) | (middle > corner + extent)
     instances.refuse(outside.any(axis=1), 2, f"the middle of bbox_obj lies outside the {place}")
     return box
+
+
+def _check_place(instances: Instances, K: np.ndarray, t: np.ndarray, box: np.ndarray) -> None:
+    """Check that the camera matrix and the translations are those of the boxes (F, 4).
+
+    A drone's centre is seen in its box, or at most the box's size beside it. A few boxes may be odd. Where
+    every one of a flight is, it is the matrix.
+
+    Raises:
+        InputError: no drone of the flight is near its box.
+    """
+    if len(box) < FEW_BOXES:
+        return
+    seen = project(t[:, None], K)[:, 0]
+    off = np.abs(seen - box[:, :2] - box[:, 2:] / 2).max(axis=1)
+    far = off > 1.5 * box[:, 2:].max(axis=1) + 2
+    message = (
+        "cam_t_m2c and cam_K put the drone {:.0f} px from the middle of its bbox_obj, and all others of the "
+        "flight beside theirs: is cam_K that of frames of this size?"
+    )
+    instances.refuse(far & far.all(), 1, message, values=off[:, None])
 
 
 def _placed_hubs(

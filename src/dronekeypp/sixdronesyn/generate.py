@@ -28,7 +28,7 @@ from dronekeypp.processes import end_with_parent, total_memory
 from dronekeypp.sixdronesyn import scenes
 from dronekeypp.sixdronesyn.drones import EDITION, EDITIONS
 from dronekeypp.sixdronesyn.flight import Flight, annotation_digest, render_flight
-from dronekeypp.sixdronesyn.manifest import check_root, finish, lock, start_manifest
+from dronekeypp.sixdronesyn.manifest import check_root, drawing, finish, lock, start_manifest
 from dronekeypp.sixdronesyn.manifest_check import KINDS
 from dronekeypp.sixdronesyn.meshes import drone_mesh
 from dronekeypp.sixdronesyn.panorama import check_size, load_panorama
@@ -85,7 +85,8 @@ def generate(
 
     Raises:
         InputError: an argument or an environment image is bad, there is no OpenGL library, the folder holds a
-            data set with other settings or another drone of the same name, or there are too many drones.
+            data set with other settings or another drone of the same name, there are too many drones, or
+            another process draws one of the flights.
     """
     root = Path(root)
     if edition is None:
@@ -238,5 +239,6 @@ def _render(
     # Mesa's software rasteriser would take every core in every worker.
     os.environ.setdefault("LP_NUM_THREADS", str(threads))
     cv2.setNumThreads(threads)
-    render_flight(root, subsequence, settings, environments, stride)
+    with drawing(root, subsequence):
+        render_flight(root, subsequence, settings, environments, stride)
     return subsequence

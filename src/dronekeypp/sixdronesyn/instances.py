@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -33,26 +34,39 @@ class Instances:
         """Return the file and the frame of an entry, for a message."""
         return f"{self.paths[part]} frame {self.numbers[index]}"
 
-    def stack(self, part: int, key: str, shape: tuple[int, ...]) -> np.ndarray:
+    def stack(self, part: int, key: str, shape: tuple[int, ...], truth: bool = False) -> np.ndarray:
         """Return the values of a key as float64 (F, *shape).
 
+        Args:
+            part: the number of the file.
+            key: the key.
+            shape: of one value.
+            truth: whether the values are true or false (or 1 or 0), and no other numbers.
+
         Raises:
-            InputError: one is missing, has another size, or holds NaN. The message names file and frame.
+            InputError: one is missing, has another size, holds NaN, or no numbers. The message names file and
+                frame.
         """
         size = int(np.prod(shape))
         entries = self.entries[part]
+        kinds = (bool, int) if truth else (int, float)
         try:
+            for entry in entries:
+                if not holds_only(entry[key], kinds):
+                    raise TypeError
             values = np.array([entry[key] for entry in entries], dtype=np.float64)
             values = values.reshape(len(entries), size)
             sound = bool(np.isfinite(values).all())
         except (KeyError, TypeError, ValueError):
             sound = False
         if not sound:  # one by one, to find the frame
-            rows = [one_value(entry, key, size, self.where(part, i)) for i, entry in enumerate(entries)]
+            rows = []
+            for i, entry in enumerate(entries):
+                rows.append(one_value(entry, key, size, self.where(part, i), truth))
             values = np.stack(rows)
         return values.reshape(len(entries), *shape)
 
-    def optional(self, part: int, key: str, shape: tuple[int, ...]) -> np.ndarray | None:
+    def optional(self, part: int, key: str, shape: tuple[int, ...], truth: bool = False) -> np.ndarray | None:
         """Return what `stack` returns, or None where no entry has the key.
 
         Raises:
@@ -60,7 +74,7 @@ class Instances:
         """
         for entry in self.entries[part]:
             if entry.get(key) is not None:
-                return self.stack(part, key, shape)
+                return self.stack(part, key, shape, truth)
         return None
 
     def check(self, function: Callable, values: np.ndarray | None, part: int, key: str) -> None:
@@ -88,8 +102,17 @@ class Instances:
             raise InputError(f"{self.where(part, index)}: {message.format(*shown)}")
 
 
-def one_value(entry: dict, key: str, size: int, where: str) -> np.ndarray:
+def holds_only(value: Any, kinds: tuple[type, ...], depth: int = 4) -> bool:
+    """Say whether a value of JSON is of these kinds, or a list of such values, up to a depth."""
+    if isinstance(value, list):
+        return depth > 0 and all(holds_only(part, kinds, depth - 1) for part in value)
+    return type(value) in kinds
+
+
+def one_value(entry: dict, key: str, size: int, where: str, truth: bool = False) -> np.ndarray:
     """Return the value of a key as `size` finite numbers, float64 (size,).
+
+    With `truth` they are true or false, or 1 or 0.
 
     Raises:
         InputError: it is missing, no list of numbers, has another size, or holds NaN. The message begins with
@@ -97,6 +120,9 @@ def one_value(entry: dict, key: str, size: int, where: str) -> np.ndarray:
     """
     if entry.get(key) is None:
         raise InputError(f"{where}: the field {key} is missing")
+    if not holds_only(entry[key], (bool, int) if truth else (int, float)):
+        wanted = "list of true and false" if truth else "list of numbers"
+        raise InputError(f"{where}: {key} is not a {wanted}")
     try:
         values = np.array(entry[key], dtype=np.float64).ravel()
     except (TypeError, ValueError):

@@ -7,6 +7,7 @@ order in which it met them. The manifest holds that order. Random quadrotors are
 
 from __future__ import annotations
 
+import contextlib
 import json
 import platform
 import sys
@@ -22,7 +23,7 @@ from filelock import FileLock
 
 from dronekeypp import __version__
 from dronekeypp.errors import InputError
-from dronekeypp.files import LOCK, digest, remove_unfinished, write_json
+from dronekeypp.files import LOCK, digest, lock_file, remove_unfinished, write_json
 from dronekeypp.sixdronesyn import bop, depth_files, quadrotors, scenes
 from dronekeypp.sixdronesyn.coco import coco
 from dronekeypp.sixdronesyn.drawn import PARTIAL, check_panoramas, drawn_flights, flights_of, forget_model
@@ -73,6 +74,19 @@ def check_root(root: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
         if key not in ("version", "environment_digests"):
             _check_same(path, key, before[key], value)
     return old
+
+
+def drawing(root: Path, subsequence: scenes.Subsequence) -> contextlib.AbstractContextManager[None]:
+    """Hold a flight while it is drawn.
+
+    Shards draw side by side, each its own flights. The same command given twice would write the same files.
+
+    Raises:
+        InputError: another process draws the flight.
+    """
+    name = f"{subsequence.id:06d}"
+    message = f"{root}: another process is drawing flight {name}: let it finish, or use --shard"
+    return lock_file(root / f".{name}.lock", message)
 
 
 def start_manifest(

@@ -46,6 +46,8 @@ DEFAULTS: dict[str, Any] = {
 }
 OPTIONAL = (*DEFAULTS, "label", "body_mm")
 COLOURS = ("hull_rgb", "trim_rgb", "propeller_rgb", "tip_rgb")
+# A propeller's diameter over the distance of neighbouring hubs; above 1 discs overlap, at two heights.
+MOST_OVERLAP = 1.5
 
 
 def read(taken: tuple[str, ...]) -> list[dict[str, Any]]:
@@ -103,20 +105,30 @@ def read_drone(path: Path) -> dict[str, Any]:
     try:
         hubs = np.array(given["hubs"], dtype=float)
         check_hubs(path, hubs)
-        diameter = float(given["propeller_diameter"])
-        mass = float(given["mass"])
-        motor = float(given["motor_radius"])
-        colours = {key: tuple(int(v) for v in given[key]) for key in COLOURS}
-        body = tuple(float(v) for v in given.get("body_mm") or 1000 * np.ptp(hubs, axis=0) + 20)
+        diameter = _number(path, "propeller_diameter", given["propeller_diameter"])
+        mass = _number(path, "mass", given["mass"])
+        motor = _number(path, "motor_radius", given["motor_radius"])
+        colours = {key: tuple(_whole_number(path, key, v) for v in given[key]) for key in COLOURS}
+        if given.get("body_mm") is None:
+            body = tuple(float(v) for v in 1000 * np.ptp(hubs, axis=0) + 20)
+        else:
+            body = tuple(_number(path, "body_mm", v) for v in given["body_mm"])
     except InputError:
         raise
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{path}: {error}") from None
-    possible = 0.01 < diameter < 1 and 0.01 < mass < 50 and 0 < motor < diameter and len(body) == 3
+    possible = 0.01 < diameter < 1 and 0.01 < mass < 50 and 0 < motor < diameter / 2 and len(body) == 3
     if not (possible and all(1 < v < 5000 for v in body)):
         raise InputError(
             f"{path}: propeller_diameter and motor_radius in metres, mass in kg, "
             "body_mm three lengths in millimetres"
+        )
+    beside = hubs[[1, 2, 3, 0]]  # of each hub the next one around the drone
+    least = float(np.linalg.norm(hubs - beside, axis=1).min())
+    if diameter > MOST_OVERLAP * least:
+        raise InputError(
+            f"{path}: propeller_diameter {diameter:g} m, and two hubs are {least:.3g} m apart: "
+            "the propellers are larger than the drone"
         )
     for colour in colours.values():
         if len(colour) != 3 or min(colour) < 0 or max(colour) > 255:
@@ -136,6 +148,24 @@ def read_drone(path: Path) -> dict[str, Any]:
         "mesh_scale": UNITS[given["mesh_unit"]],
         "digest": digest(path.read_bytes() + mesh.read_bytes()),
     }
+
+
+def _number(path: Path, key: str, value: Any) -> float:
+    """Return a number of a file as float.
+
+    Raises:
+        InputError: it is text, a truth value, or no number at all.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise InputError(f"{path}: {key}: {value!r} is no number")
+    return float(value)
+
+
+def _whole_number(path: Path, key: str, value: Any) -> int:
+    """Return a whole number of a file, or raise InputError."""
+    if type(value) is not int:
+        raise InputError(f"{path}: {key}: {value!r} is no whole number")
+    return value
 
 
 def check_hubs(path: Path, hubs: np.ndarray) -> None:

@@ -30,9 +30,11 @@ from dronekeypp.augment import mirrored
 from dronekeypp.classes import are_named
 from dronekeypp.errors import InputError
 from dronekeypp.evaluate import apply_model, evaluate, loading, measure, to_device
+from dronekeypp.frame_dataset import FrameDataset
 from dronekeypp.model import PoseNetwork, loss_weights, total_loss
 from dronekeypp.model.backbone import Backbone
-from dronekeypp.presets import TrainConfig
+from dronekeypp.model.inputs import INPUTS, check_input_shapes, check_label, check_placed, check_values
+from dronekeypp.presets import PRESETS, TrainConfig
 from dronekeypp.train.precision import set_precision
 from dronekeypp.train.state import TrainState
 
@@ -128,7 +130,8 @@ def check_sets(model: PoseNetwork, train_set: Dataset, val_set: Dataset, config:
     """Check that both sets can be used.
 
     Raises:
-        InputError: a set is empty, or lacks what the network, its evaluation or the mirror needs.
+        InputError: a set is empty, or lacks what the network, its evaluation or the mirror needs, or the
+            training ends before its warm-up does.
     """
     for name, dataset in (("training", train_set), ("validation", val_set)):
         if len(dataset) == 0:
@@ -138,22 +141,43 @@ def check_sets(model: PoseNetwork, train_set: Dataset, val_set: Dataset, config:
     data.require(val_set, (*needed, *data.EVALUATED), f"the validation of {model.method}")
     if config.mirror:
         data.require(train_set, data.MIRRORED, "mirror")
+    steps = config.epochs * math.ceil(min(config.frames or len(train_set), len(train_set)) / config.batch)
+    # A preset's own warm-up was not chosen for this training: a trial on a few frames is over before it.
+    if config.warmup > steps and config.warmup not in {usual.training.warmup for usual in PRESETS.values()}:
+        raise InputError(
+            f"warmup={config.warmup} steps, and the whole training has {steps}: lr would never be reached; "
+            "set a tenth of them, or train longer"
+        )
 
 
 def prepare(state: TrainState, train_set: Dataset) -> None:
     """Let the network look at the truth of some training frames before the first step, once.
 
     Raises:
-        InputError: the network cannot learn from it, or frames are to be mirrored whose drone is not its own
-            mirror image.
+        InputError: the network cannot learn from it, a label is none of its classes, or frames are to be
+            mirrored whose drone is not its own mirror image.
     """
     if state.prepared or state.epoch > 0:
         return
     annotations = data.read_annotations(spaced(train_set, PREPARED_ON))
+    if "label" in annotations and hasattr(state.model.config, "classes"):
+        check_label(annotations["label"], state.model.config.classes)
     if state.config.mirror:
         data.check_mirror(annotations, data.drones_of(train_set))
     state.model.prepare(annotations)
     state.prepared = True
+
+
+def check_first_batch(model: PoseNetwork, items: dict[str, Tensor]) -> None:
+    """Check that the first batch is what the network takes, see `model.inputs`; the others are like it.
+
+    Raises:
+        InputError: it is not. The message names the key of the items.
+    """
+    given = {name: items.get(name) for name in INPUTS}
+    check_input_shapes(given, getattr(model.config, "image_size", "S"))
+    check_placed(given, model)
+    check_values(given, getattr(model.config, "classes", None))
 
 
 def fit(
@@ -253,6 +277,8 @@ class _Epochs:
         frames = len(epoch_order(len(train_set), config, 0, rank, world))
         self.steps_per_epoch = math.ceil(frames / self.batch)
         self.steps = self.steps_per_epoch * config.epochs
+        # The frames of a data set on disk were checked when it was opened.
+        self.checked = isinstance(data.underlying(train_set), FrameDataset)
 
     def run(self, epoch: int) -> dict[str, Any]:
         """Train for one epoch and return the first columns of its row.
@@ -286,6 +312,9 @@ class _Epochs:
             if config.mirror:
                 chosen = torch.rand(len(items["t"]), generator=flips) < 0.5
                 items = mirrored(items, chosen.to(self.device))
+            if not self.checked:
+                check_first_batch(self.model, items)
+                self.checked = True
             terms = self.model.losses(
                 apply_model(self.network, items, self.model.truth_inputs), items, config.keypoint_unit
             )

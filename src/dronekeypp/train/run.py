@@ -284,8 +284,11 @@ def process_group(config: TrainConfig) -> Iterator[None]:
     """Join the other processes under torchrun (WORLD_SIZE > 1), and leave them at the end.
 
     They talk by NCCL on GPUs and by gloo on CPUs. Without torchrun nothing is done.
+
+    Raises:
+        InputError: WORLD_SIZE is set, and not by torchrun, so that the others would never come.
     """
-    if int(os.environ.get("WORLD_SIZE", 1)) < 2 or dist.is_initialized():
+    if dist.is_initialized() or processes_of_torchrun() < 2:
         yield
         return
     device = choose_device(config)
@@ -296,3 +299,33 @@ def process_group(config: TrainConfig) -> Iterator[None]:
         yield
     finally:
         dist.destroy_process_group()
+
+
+def processes_of_torchrun() -> int:
+    """Return how many processes torchrun has started, or 1 without it.
+
+    Raises:
+        InputError: its variables do not fit together, or some of them are missing.
+    """
+    numbers = {}
+    for name in ("WORLD_SIZE", "RANK", "LOCAL_RANK"):
+        value = os.environ.get(name)
+        if value is None:
+            continue
+        if not value.isdecimal():
+            raise InputError(f"{name}={value!r} in the environment: torchrun sets a number; unset it")
+        numbers[name] = int(value)
+    world = numbers.get("WORLD_SIZE", 1)
+    if world < 2:
+        return 1
+    for name in ("RANK", "LOCAL_RANK", "MASTER_ADDR", "MASTER_PORT"):
+        if name not in os.environ:
+            raise InputError(
+                f"WORLD_SIZE={world} in the environment without {name}: start the processes with "
+                f"`torchrun --nproc-per-node {world} -m dronekeypp train …`, or unset WORLD_SIZE"
+            )
+    if numbers["RANK"] >= world:
+        raise InputError(
+            f"RANK={numbers['RANK']} of WORLD_SIZE={world} in the environment: they count from 0"
+        )
+    return world

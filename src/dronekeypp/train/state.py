@@ -72,6 +72,7 @@ class TrainState:
         tensors = {key: value.detach().cpu().contiguous() for key, value in tensors.items()}
         header = {
             "epoch": self.epoch,
+            "moments": sorted(names[i] for i in self.optimiser.state_dict()["state"]),
             "best_score": self.best_score,
             "history": self.history,
             "settings": self.settings,
@@ -82,11 +83,13 @@ class TrainState:
         """Go on from a file of `save`.
 
         Raises:
-            BrokenState: the file is broken, or belongs to another network.
+            BrokenState: the file is broken, or belongs to another network; or it holds more epochs than are
+                to be trained, weights that are none, or lacks Adam's moments.
             InputError: it belongs to other settings or other data.
         """
         header, tensors = read_state_file(path)
         check_settings(header["settings"], self.settings, path)
+        check_header(header, self.config.epochs, path)
         parameters = dict(self.model.named_parameters())
         places = {name: i for i, name in enumerate(self._names())}
         weights, moments = {}, {}
@@ -99,12 +102,17 @@ class TrainState:
                     parameter, _, moment = name.partition("/")
                     parameter = checkpoint.name_of_today(parameter, self.model.method)
                     # Use the memory layout of the weight: sums in another order differ in the last bit.
-                    like = parameters[parameter] if value.dim() else value
+                    like = value if moment == "step" else parameters[parameter]
+                    checkpoint.check_tensor(f"{path}: {key!r}", value, like)
                     copied = torch.empty_like(like).copy_(value).detach()
                     moments.setdefault(places[parameter], {})[moment] = copied
-            self.model.load_state_dict(weights)
-        except (RuntimeError, KeyError):
+            names = self._names()
+            check_moments({names[i]: values for i, values in moments.items()}, header, path)
+            checkpoint.load_state(self.model, weights, path)
+        except KeyError:
             raise BrokenState(f"{path} belongs to another network") from None
+        except InputError as error:
+            raise BrokenState(str(error)) from None
         groups = self.optimiser.state_dict()["param_groups"]
         self.optimiser.load_state_dict({"state": moments, "param_groups": groups})
         self.epoch, self.best_score = header["epoch"], header["best_score"]
@@ -126,6 +134,54 @@ def read_state_file(path: Path) -> tuple[dict[str, Any], dict[str, torch.Tensor]
     except (SafetensorError, OSError, KeyError, TypeError, ValueError, RecursionError) as error:
         raise BrokenState(f"{path} is not a readable training state ({error})") from None
     return header, tensors
+
+
+def check_header(header: dict[str, Any], epochs: int, path: Path) -> None:
+    """Check what a training state says of itself.
+
+    Args:
+        header: that of `read_state_file`.
+        epochs: how many are to be trained.
+        path: the file, for messages.
+
+    Raises:
+        BrokenState: the finished epochs are no number, beyond the end, or not those of the history.
+    """
+    epoch, history, score = header["epoch"], header["history"], header["best_score"]
+    if type(epoch) is not int or epoch < 0:
+        raise BrokenState(f"{path}: epoch {epoch!r} is no number of epochs")
+    if epoch > epochs:
+        raise BrokenState(f"{path}: {epoch} epochs are done, and {epochs} are to be trained")
+    if not isinstance(history, list) or not all(isinstance(row, dict) for row in history):
+        raise BrokenState(f"{path}: its history is no list of epochs")
+    if [row.get("epoch") for row in history] != list(range(1, epoch + 1)):
+        raise BrokenState(f"{path}: {epoch} epochs are done, and its history is of others")
+    if not isinstance(score, (int, float)) or isinstance(score, bool) or math.isnan(score):
+        raise BrokenState(f"{path}: best_score {score!r} is no number")
+
+
+def check_moments(moments: dict[str, dict[str, torch.Tensor]], header: dict[str, Any], path: Path) -> None:
+    """Check that Adam's moments are all there; without them it would begin anew with a warm network.
+
+    Args:
+        moments: {parameter: {"step", "exp_avg", "exp_avg_sq"}}.
+        header: that of `read_state_file`. States of an earlier version do not say which parameters have
+            moments.
+        path: the file, for messages.
+
+    Raises:
+        BrokenState: some are missing, or are not what Adam computes.
+    """
+    wanted = header.get("moments", list(moments))
+    missing = sorted(set(wanted) - set(moments))
+    if missing or (header["epoch"] > 0 and not moments):
+        of = f" of {missing[0]!r}" if missing else ""
+        raise BrokenState(f"{path}: Adam's moments{of} are missing")
+    for name, values in moments.items():
+        if set(values) != {"step", "exp_avg", "exp_avg_sq"}:
+            raise BrokenState(f"{path}: of {name!r} Adam has {', '.join(sorted(values))}")
+        if (values["exp_avg_sq"] < 0).any() or values["step"].dim() or values["step"] < 1:
+            raise BrokenState(f"{path}: Adam's moments of {name!r} are none")
 
 
 def run_settings(method: str, model: Settings, config: TrainConfig, data: dict[str, Any]) -> dict[str, dict]:

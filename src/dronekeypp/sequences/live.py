@@ -1,9 +1,4 @@
-"""Turn single frames into a flight: with a Gaussian over its poses (the paper's Fig. 4), or a live filter.
-
-A pose is R (3, 3), camera←body, and t (3,) metres. A flight is one drone's poses at rising times in seconds.
-Where the drone was lost for longer than `longest_gap` seconds, a new flight begins: neither the Gaussian nor
-the filter carries anything across such a gap. The Gaussian also looks at later frames. The filter does not.
-"""
+"""Filter poses as they come, with a Kalman filter."""
 
 from __future__ import annotations
 
@@ -14,128 +9,20 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from dronekeypp.checked import as_float64, check_covariance
 from dronekeypp.errors import InputError
 from dronekeypp.rotations import check_rotation
+from dronekeypp.sequences.flights import (
+    LONGEST_GAP,
+    LONGEST_STEP,
+    NO_SECONDS,
+    check_flight,
+    checked_covariances,
+    default_longest_gap,
+)
 
-FAR = 6  # sigmas beyond which a neighbour counts for nothing
-LONGEST_GAP = 0.5  # seconds, unless the frames lie far apart
 START_SPEED = 3.0  # standard deviation of each component of the unknown velocity at the start, m/s
 START_TURN_RATE = 2.0  # the same for the rate of turn, rad/s
-
-
-def check_flight(
-    R: ArrayLike, t: ArrayLike, time: ArrayLike, weights: ArrayLike | None = None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return (R, t, time, weights) as float64 arrays of shapes (F, 3, 3), (F, 3), (F,) and (F, 2).
-
-    The two columns of the weights belong to the rotation and to the translation. Weights (F,) stand for both,
-    and None means that every frame counts 1.
-
-    Raises:
-        InputError: The shapes do not fit, a number is not finite, an R is no rotation, the times do not rise,
-            or a weight is below 0.
-    """
-    R = np.asarray(R, dtype=np.float64)
-    t = np.asarray(t, dtype=np.float64)
-    time = np.asarray(time, dtype=np.float64)
-    F = len(time)
-    weights = np.ones(F) if weights is None else np.asarray(weights, dtype=np.float64)
-    if weights.ndim == 1:
-        weights = np.stack([weights, weights], axis=-1)
-    if R.shape != (F, 3, 3) or t.shape != (F, 3) or time.shape != (F,) or weights.shape != (F, 2):
-        raise InputError(
-            f"a flight needs R (F, 3, 3), t (F, 3), time (F,); "
-            f"got {R.shape}, {t.shape}, {time.shape}, weights {weights.shape}"
-        )
-    for values in (R, t, time, weights):
-        if not np.isfinite(values).all():
-            raise InputError("a flight's poses, times and weights must be finite; leave lost frames out")
-    check_rotation(R, "a flight's R")
-    if (np.diff(time) <= 0).any():
-        raise InputError("a flight's times must rise from frame to frame")
-    if (weights < 0).any():
-        raise InputError("a weight below 0")
-    return R, t, time, weights
-
-
-def default_longest_gap(time: ArrayLike) -> float:
-    """Return the longest step in seconds that does not begin a new flight, for frames at the times (F,).
-
-    It is half a second, or five times the median step where that is longer: footage of one frame a second
-    would otherwise fall apart into flights of one frame.
-    """
-    steps = np.diff(time)
-    if len(steps) == 0:
-        return LONGEST_GAP
-    return max(LONGEST_GAP, 5 * float(np.median(steps)))
-
-
-def flights(time: ArrayLike, longest_gap: float | None = None) -> list[slice]:
-    """Return slices of the frames between gaps, for rising times (F,) in seconds.
-
-    A step of more than `longest_gap` seconds begins a new flight. None means `default_longest_gap`.
-    """
-    if longest_gap is None:
-        longest_gap = default_longest_gap(time)
-    cuts = np.flatnonzero(np.diff(time) > longest_gap) + 1
-    starts, stops = [0, *cuts.tolist()], [*cuts.tolist(), len(time)]
-    return [slice(start, stop) for start, stop in zip(starts, stops, strict=True)]
-
-
-def gaussian(
-    R: ArrayLike,
-    t: ArrayLike,
-    time: ArrayLike,
-    sigma: float = 0.1,
-    weights: ArrayLike | None = None,
-    longest_gap: float | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Make every pose a mean of its neighbours, weighted by exp(-dt² / 2 sigma²) and by `weights`.
-
-    Rotations are averaged by scipy's `Rotation.mean`. It returns the rotation with the least sum of squared
-    chordal distances.
-
-    Args:
-        R, t, time: (F, 3, 3), (F, 3) metres, (F,) seconds.
-        sigma: seconds. 0 leaves all poses as they are.
-        weights: (F,), or (F, 2) with one weight for the rotation and one for the translation. See
-            `inverse_variances`.
-        longest_gap: seconds. A longer step begins a new flight. None means `default_longest_gap`.
-
-    Returns:
-        (R, t), smoothed. Every pose depends on later frames too: for live use see `LiveFilter`.
-
-    Raises:
-        InputError: `check_flight` raises it, sigma is below 0, or all neighbours of a frame have weight 0.
-    """
-    R, t, time, weights = check_flight(R, t, time, weights)
-    if not sigma >= 0:
-        raise InputError(f"sigma={sigma}: seconds, 0 or more")
-    smooth_R, smooth_t = R.copy(), t.copy()
-    if sigma == 0:
-        return smooth_R, smooth_t
-    rotations = Rotation.from_matrix(R)
-    for flight in flights(time, longest_gap):
-        for i in range(flight.start, flight.stop):
-            a = max(np.searchsorted(time, time[i] - FAR * sigma), flight.start)
-            b = min(np.searchsorted(time, time[i] + FAR * sigma, side="right"), flight.stop)
-            closeness = np.exp(-np.square(time[a:b] - time[i]) / (2 * sigma**2))  # (N,) of the neighbours
-            R_weights, t_weights = (closeness[:, None] * weights[a:b]).T  # (N,) each
-            if R_weights.sum() <= 0 or t_weights.sum() <= 0:
-                raise InputError(f"frame {i} and its neighbours have no weight: nothing to average")
-            counts = R_weights > 0
-            smooth_R[i] = rotations[a:b][counts].mean(R_weights[counts]).as_matrix()
-            smooth_t[i] = t_weights @ t[a:b] / t_weights.sum()
-    return smooth_R, smooth_t
-
-
-def inverse_variances(covariance: ArrayLike) -> np.ndarray:
-    """Return weights (F, 2) for `gaussian`: 1 / variance of the rotation and 1 / variance of the translation.
-
-    The covariances (F, 6, 6) are those of (turn in radians, shift in metres) that a geometric network claims.
-    """
-    variances = np.diagonal(np.asarray(covariance, dtype=np.float64), axis1=1, axis2=2)  # (F, 6)
-    return 1 / np.stack([variances[:, :3].sum(axis=1), variances[:, 3:].sum(axis=1)], axis=1)
 
 
 @dataclass
@@ -163,6 +50,10 @@ class LiveFilter:
         gate: share of the good measurements that are not passed over.
         longest_gap: seconds without a measurement after which the filter starts again.
         patience: measurements in a row that may be passed over.
+
+    Raises:
+        InputError: a deviation is not above 0 (0 is allowed for `acceleration` and `turning`), `gate` is no
+            share, `longest_gap` is not above 0, or `patience` is below 1.
     """
 
     acceleration: float = 3.0
@@ -174,10 +65,28 @@ class LiveFilter:
     patience: int = 5
 
     def __post_init__(self) -> None:
+        self._check_settings()
+        self.asked_at: float | None = None  # time of the last call of `update`, seconds
+        self.long_steps = 0  # steps of more than LONGEST_STEP from call to call, in a row
         self.time: float | None = None  # of the state, seconds
         self.measured_at: float | None = None  # time of the last measurement, seconds
         self.accepted = 0  # measurements since the start, the one it started from included
         self.passed_over = 0  # measurements in a row
+
+    def _check_settings(self) -> None:
+        """Raise InputError for the first setting that is out of its range."""
+        for name in ("acceleration", "turning"):
+            if not 0 <= getattr(self, name) < np.inf:
+                raise InputError(f"{name}={getattr(self, name)}: a standard deviation, 0 or more")
+        for name in ("position_noise", "rotation_noise"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise InputError(f"{name}={getattr(self, name)}: a standard deviation, above 0")
+        if not 0 < self.gate < 1:
+            raise InputError(f"gate={self.gate}: a share of the measurements, between 0 and 1")
+        if not self.longest_gap > 0:
+            raise InputError(f"longest_gap={self.longest_gap}: seconds, above 0")
+        if not self.patience >= 1:
+            raise InputError(f"patience={self.patience}: measurements, at least 1")
 
     def update(
         self,
@@ -200,13 +109,16 @@ class LiveFilter:
             `longest_gap`.
 
         Raises:
-            InputError: The time does not rise, a measurement is not finite, R is no rotation, or a covariance
-                is not finite or not (3, 3).
+            InputError: The time does not rise or is not in seconds, a measurement is not finite, R is no
+                rotation, only one of R and t is there, or a covariance is none.
         """
         if not np.isfinite(time):
             raise InputError(f"time {time}: seconds, finite")
+        if (R is None) != (t is None):
+            raise InputError("a measured pose needs both R and t; where nothing was seen, both are None")
         if self.time is not None and time <= self.time:
             raise InputError(f"time {time:g} s does not come after {self.time:g} s")
+        self._count_long_step(time)
         lost = self.measured_at is None or time - self.measured_at > self.longest_gap
         if R is None:
             if lost:
@@ -225,6 +137,17 @@ class LiveFilter:
                 self._start(R, t, time, position_cov, rotation_cov)
         self.measured_at = time
         return self.R.copy(), self.t.copy()
+
+    def _count_long_step(self, time: float) -> None:
+        """Raise InputError where the times are not in seconds: the filter would start again at each of them.
+
+        A drone may be lost for long, once. From one frame to the next it is not, three times in a row.
+        """
+        step = 0.0 if self.asked_at is None else time - self.asked_at
+        self.asked_at = time
+        self.long_steps = self.long_steps + 1 if step > LONGEST_STEP else 0
+        if self.long_steps >= 3 and self.longest_gap < LONGEST_STEP:
+            raise InputError(f"time rises by {step:g} again and again: {NO_SECONDS}")
 
     def _start(
         self, R: np.ndarray, t: np.ndarray, time: float, position_cov: np.ndarray, rotation_cov: np.ndarray
@@ -271,7 +194,7 @@ class LiveFilter:
 
 def _checked_pose(R: ArrayLike, t: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """Return copies of a measured pose as float64, so that the caller may use his arrays again."""
-    R, t = np.array(R, dtype=np.float64), np.array(t, dtype=np.float64)
+    R, t = as_float64(R, "R"), as_float64(t, "t")
     if R.shape != (3, 3) or t.shape != (3,) or not (np.isfinite(R).all() and np.isfinite(t).all()):
         raise InputError(f"a measured pose needs a finite R (3, 3) and t (3,), got {R.shape} and {t.shape}")
     check_rotation(R, "a measured pose's R")
@@ -285,9 +208,10 @@ def _checked_covariance(covariance: ArrayLike | None, noise: float, name: str) -
     """
     if covariance is None:
         covariance = np.eye(3) * noise**2
-    covariance = np.asarray(covariance, dtype=np.float64)
-    if covariance.shape != (3, 3) or not np.isfinite(covariance).all():
-        raise InputError(f"{name} must be finite and (3, 3), got {covariance.shape}")
+    covariance = as_float64(covariance, name)
+    if covariance.shape != (3, 3):
+        raise InputError(f"{name} must be (3, 3), got {covariance.shape}")
+    check_covariance(name, covariance)
     return covariance
 
 
@@ -326,7 +250,7 @@ def filtered(
             claims them. None takes the filter's own noise.
 
     Raises:
-        InputError: `check_flight` or `LiveFilter.update` raises it, or the covariances are not (F, 6, 6).
+        InputError: `check_flight` or `LiveFilter.update` raises it, or the covariances are none of F poses.
     """
     R, t, time, _ = check_flight(R, t, time)
     if live is None:
@@ -334,9 +258,9 @@ def filtered(
     position_covs: list | np.ndarray = [None] * len(time)
     rotation_covs: list | np.ndarray = [None] * len(time)
     if covariance is not None:
-        covariance = np.asarray(covariance, dtype=np.float64)
-        if covariance.shape != (len(time), 6, 6):
-            raise InputError(f"{len(time)} poses need covariance ({len(time)}, 6, 6), got {covariance.shape}")
+        covariance = checked_covariances(covariance)
+        if len(covariance) != len(time):
+            raise InputError(f"{len(time)} poses need as many covariances, got {len(covariance)}")
         position_covs = covariance[:, 3:, 3:]
         rotation_covs = R.transpose(0, 2, 1) @ covariance[:, :3, :3] @ R  # the filter wants body axes
     filtered_R, filtered_t = np.empty_like(R), np.empty_like(t)
