@@ -204,9 +204,9 @@ def test_many_drones(folder, environments, tmp_path):
 def test_tables_and_trainings_of_the_seven_stay_as_they_are(folder, tmp_path):
     code = """
 from pathlib import Path
-from dronekeypp.reproduce import ablations, read_result, table3
+from dronekeypp.reproduce import ablations, read_result, table3_page
 figures = Path("figures")
-for file, make in (("table3.md", table3.markdown), ("table3.csv", table3.as_csv)):
+for file, make in (("table3.md", table3_page.markdown), ("table3.csv", table3_page.as_csv)):
     print((figures / file).read_text() == make(read_result("table3")))
 print((figures / "table5.md").read_text() == ablations.markdown(read_result("table5")))
 from dronekeypp.train import train

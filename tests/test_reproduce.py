@@ -35,7 +35,8 @@ from dronekeypp.reproduce import (
     read_result,
     reproduce,
     reproduce_all,
-    table3,
+    table3_page,
+    table3_runs,
     tables,
 )
 from dronekeypp.reproduce.comparisons import difference
@@ -297,7 +298,7 @@ def test_yolo_is_measured_in_batches(finished, tmp_path, monkeypatch):
     monkeypatch.setattr(yolo, "detect", detector.detect)
     monkeypatch.setattr("dronekeypp.reproduce.table3_measures.BATCH", 16)
     bench = Bench(tmp_path, "cpu", BUDGET, "table3-cpu", data, stride=STRIDE, progress=False)
-    run = table3.YOLO_RUN
+    run = table3_runs.YOLO_RUN
     frames_of, record = measure_yolo(bench, run, 0), yolo_record(bench, run, 0)
     assert detector.sizes == [16, 16, 10] and list(frames_of) == [None, "upright"]
     assert record["epochs"] == 2 and record["minutes"] == 0.2
@@ -506,9 +507,9 @@ def test_a_method_of_ones_own_stands_in_table_3():
         if (row["method"], row["variant"]) == ("DronePose", None):
             rows.append({**row, "method": "Mine"})
     recorded = {**recorded, "rows": recorded["rows"] + rows}
-    assert table3.markdown(recorded).count("| Mine |") == len(tables.PRINTED) + 1
-    assert "Mine" in table3.as_csv(recorded)
-    assert len(table3.draw(recorded).axes) == len(tables.PRINTED)
+    assert table3_page.markdown(recorded).count("| Mine |") == len(tables.PRINTED) + 1
+    assert "Mine" in table3_page.as_csv(recorded)
+    assert len(table3_page.draw(recorded).axes) == len(tables.PRINTED)
 
 
 def test_every_row_of_every_ablation_is_a_setting_that_exists():
@@ -646,12 +647,12 @@ def test_a_rate_is_changed_only_where_it_is_better_by_more_than_the_noise():
 
 
 def test_a_method_s_rate_is_set_in_one_place(monkeypatch):
-    monkeypatch.setattr(table3, "RATES", {("DronePose", None): 3e-4})
+    monkeypatch.setattr(table3_runs, "RATES", {("DronePose", None): 3e-4})
     told = Run("DronePose", "told the crop", {"use_rays": True})
-    assert table3.with_rate(Run("DronePose")).changes == {"lr": 3e-4}
-    assert table3.with_rate(told) is told
+    assert table3_runs.with_rate(Run("DronePose")).changes == {"lr": 3e-4}
+    assert table3_runs.with_rate(told) is told
     # What `rates` trains does not depend on what was chosen before.
-    assert rates.at_rate(table3.with_rate(Run("DronePose")), 1e-3, "cpu") == Run("DronePose")
+    assert rates.at_rate(table3_runs.with_rate(Run("DronePose")), 1e-3, "cpu") == Run("DronePose")
 
 
 def test_six_numbers_weigh_26_times_three_angles():
@@ -702,7 +703,7 @@ def test_the_gain_is_split_by_heading():
 def test_table_3_splits_the_gain_of_six_numbers_by_heading(finished):
     root, _, recorded = finished
     entries = recorded["by_heading"]
-    assert {(entry["method"], entry["variant"]) for entry in entries} == set(sum(table3.GAINS, ()))
+    assert {(entry["method"], entry["variant"]) for entry in entries} == set(sum(table3_runs.GAINS, ()))
     for split, frames in (("val", 105), ("test", 42)):
         own = [entry for entry in entries if entry["split"] == split and entry["variant"] == "6D"]
         assert [entry["part"] for entry in own] == list(headings.PARTS)

@@ -28,7 +28,8 @@ from dronekeypp.reproduce import (
     priors,
     rates,
     read_result,
-    table3,
+    table3_page,
+    table3_runs,
     tables,
 )
 from dronekeypp.reproduce.picture import sheet
@@ -83,8 +84,8 @@ def test_a_result_names_what_made_it(path):
 
 def test_table_3_is_made_from_its_recorded_result():
     recorded = read_result("table3")
-    assert (ROOT / "figures" / "table3.md").read_text() == table3.markdown(recorded)
-    assert (ROOT / "figures" / "table3.csv").read_text() == table3.as_csv(recorded)
+    assert (ROOT / "figures" / "table3.md").read_text() == table3_page.markdown(recorded)
+    assert (ROOT / "figures" / "table3.csv").read_text() == table3_page.as_csv(recorded)
     assert recorded["dataset"]["seed"] == 0 and recorded["dataset"]["stride"] == 1
     assert (recorded["dataset"]["train_frames"], recorded["dataset"]["test_frames"]) == (35280, 5040)
 
@@ -97,7 +98,7 @@ def test_table_3_has_the_rates_that_were_chosen():
     for title, run in rates.METHODS.items():
         if rates.chosen_rate(recorded, title) != recorded["usual_lr"]:
             chosen[run.method, run.variant] = rates.chosen_rate(recorded, title)
-    assert chosen == table3.RATES
+    assert chosen == table3_runs.RATES
 
 
 def test_the_domain_table_is_made_from_its_recorded_result():

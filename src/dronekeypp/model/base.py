@@ -29,7 +29,7 @@ class PoseNetwork(nn.Module):
 
     A network of your own takes `(config, load_backbone)`, keeps `self.config`, and has `method`, `Config`,
     `forward` and `losses`. Enter it in `checkpoint.METHODS`; then it trains from the command line, and its
-    checkpoints can be loaded. With a `Run` in `reproduce.table3.RUNS` it stands in Table 3.
+    checkpoints can be loaded. With a `Run` in `reproduce.table3_runs.RUNS` it stands in Table 3.
     """
 
     method: ClassVar[str]  # its name in tables and checkpoints

@@ -47,7 +47,7 @@ from dronekeypp.reproduce.priors import radius
 from dronekeypp.reproduce.protocol import SPLITS, Job, Part, Table, add_entries
 from dronekeypp.reproduce.results import measurements
 from dronekeypp.reproduce.runner import Bench, Run
-from dronekeypp.reproduce.table3 import PAPERS
+from dronekeypp.reproduce.table3_runs import PAPERS
 from dronekeypp.train import METRICS
 
 __all__ = [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dronekeypp.model import DroneKeyPP
 from dronekeypp.reproduce.run import Run
-from dronekeypp.reproduce.table3 import with_rate
+from dronekeypp.reproduce.table3_runs import with_rate
 
 METHOD = DroneKeyPP.method
 SETTINGS = {"pose": "geometric", "classifier": "features"}

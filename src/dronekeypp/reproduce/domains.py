@@ -16,7 +16,7 @@ from dronekeypp.reproduce.comparisons import closing_lines
 from dronekeypp.reproduce.protocol import SPLITS, Job, Part, Table, add_entries
 from dronekeypp.reproduce.results import describe, measurements
 from dronekeypp.reproduce.runner import Bench
-from dronekeypp.reproduce.table3 import PAPERS
+from dronekeypp.reproduce.table3_runs import PAPERS
 from dronekeypp.reproduce.tables import average, interval, line, methods, percent
 
 DOMAINS = ("drawn", "photographs")

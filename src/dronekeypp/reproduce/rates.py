@@ -21,7 +21,7 @@ from dronekeypp.reproduce.ablations import METHOD, Row, run_of
 from dronekeypp.reproduce.beyond_runs import GEOMETRIC
 from dronekeypp.reproduce.protocol import Job, Part, Table
 from dronekeypp.reproduce.runner import Bench, Run, read_history
-from dronekeypp.reproduce.table3 import PAPERS, RUNS
+from dronekeypp.reproduce.table3_runs import PAPERS, RUNS
 from dronekeypp.reproduce.tables import heading, line, number, percent, title
 
 FACTORS = (0.3, 1.0, 3.0)  # of the preset's rate; for `cpu` they make 3e-4, 1e-3 and 3e-3
@@ -171,7 +171,7 @@ def is_noise(recorded: dict[str, Any], method: str) -> bool:
 
 
 def chosen_rate(recorded: dict[str, Any], method: str) -> float:
-    """Return the learning rate that Table 3 should give a method, see `table3.RATES`.
+    """Return the learning rate that Table 3 should give a method, see `table3_runs.RATES`.
 
     It is the preset's, unless the best one is better by more than the noise.
     """
