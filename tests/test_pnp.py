@@ -30,6 +30,17 @@ def test_the_true_pose_is_found_without_noise():
         assert best.error_px < 1e-3
 
 
+@pytest.mark.parametrize("tilt", [-60, -20, 5, 38])
+@pytest.mark.parametrize("aside", [0.0, 0.001, 0.3])
+def test_a_drone_seen_from_straight_behind_is_found(tilt, aside):
+    """There the plane is tilted about exactly one of its own axes, and IPPE alone gives useless poses."""
+    behind = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])  # camera←body: the tail towards us, level
+    R, t = behind @ Rotation.from_euler("y", tilt, degrees=True).as_matrix(), np.array([aside, 0, 4])
+    best = solve_pnp(HUBS, project(HUBS @ R.T + t, K), K)[0]
+    np.testing.assert_allclose(best.R, R, atol=1e-4)
+    np.testing.assert_allclose(best.t, t, atol=1e-4)
+
+
 def test_solutions_are_sorted_rotations_and_at_most_a_few():
     """With noise there are at most four solutions, the best first, and each holds a proper rotation."""
     rng = np.random.default_rng(1)

@@ -14,6 +14,11 @@ from dronekeypp.camera import check_intrinsics, project, rays
 from dronekeypp.errors import InputError
 
 
+# IPPE gives useless poses of a plane that is tilted about exactly one of its own axes, as a drone is that is
+# seen from straight behind. After a turn in the plane by 0.7 rad these are no longer the axes of the drone.
+ODD_TURN = np.array([[np.cos(0.7), -np.sin(0.7), 0], [np.sin(0.7), np.cos(0.7), 0], [0, 0, 1]])
+
+
 class Solution(NamedTuple):
     """This is one of the poses that `solve_pnp` returns.
 
@@ -96,7 +101,7 @@ def solve_pnp(hubs: np.ndarray, pixels: np.ndarray, K: np.ndarray) -> list[Solut
     axes, origin = _plane_frame(hubs)
     solutions = []
     # The second turn shows the plane from its other side: IPPE sometimes finds only one of the two poses.
-    for turn in (np.eye(3), np.diag([1.0, -1.0, -1.0])):
+    for turn in (ODD_TURN, np.diag([1.0, -1.0, -1.0]) @ ODD_TURN):
         flat = (hubs - origin) @ axes.T @ turn.T
         flat[:, 2] = 0
         try:
