@@ -22,7 +22,7 @@ from dronekeypp.model import Backbone, BackboneConfig, DroneKeyPP
 from dronekeypp.model.backbone import save_backbone
 from dronekeypp.presets import TrainConfig
 from dronekeypp.sixdronesyn import own, scenes
-from dronekeypp.sixdronesyn.folders import flight_facts
+from dronekeypp.sixdronesyn.flight_file import read_flight_file
 from dronekeypp.sixdronesyn.manifest import drawing
 
 SETS = FakeDrones(16), FakeDrones(8, seed=1)
@@ -265,9 +265,12 @@ def test_drones_that_cannot_fly(change, message, tmp_path):
 
 
 @pytest.mark.parametrize("scene", [1.7, True, "1", None])
-def test_a_scene_is_a_whole_number(scene, tmp_path):
-    with pytest.raises(InputError, match="flight.json: no scene and digests"):
-        flight_facts(tmp_path, {"scene": scene, "digests": {}})
+def test_a_scene_is_a_whole_number(scene, small_dataset, tmp_path):
+    folder = shutil.copytree(next((small_dataset / "train").iterdir()), tmp_path / "flight")
+    about = json.loads((folder / "flight.json").read_text())
+    (folder / "flight.json").write_text(json.dumps({**about, "scene": scene}))
+    with pytest.raises(InputError, match="flight.json: scene is .*: it should be a valid integer"):
+        read_flight_file(folder)
 
 
 def edited(folder, name, key, change):
