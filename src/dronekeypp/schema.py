@@ -6,14 +6,17 @@ damaged or hand-edited file is then one line that names the file, the key and th
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from dronekeypp.errors import InputError
-from dronekeypp.files import read_json
+from dronekeypp.files import digest, read_json
 
+CHECKSUM = "checksum"  # the key under which a file has that of all its other keys
 LONGEST = 60  # characters of a value in a message
 
 Count = Annotated[int, Field(ge=0)]
@@ -22,6 +25,7 @@ Name = Annotated[str, Field(min_length=1)]
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{16}$")]  # of `files.digest`
 FlightName = Annotated[str, Field(pattern=r"^[0-9]{6}$")]  # a flight's folder
 FrameNumber = Annotated[str, Field(pattern=r"^[0-9]{1,6}$")]  # JSON's keys are text
+Point = Annotated[list[float], Field(min_length=3, max_length=3)]
 Words = dict[str, str]
 
 
@@ -41,7 +45,9 @@ class Open(Schema):
     model_config = ConfigDict(extra="allow")
 
 
-def read(kind: type[BaseModel], path: str | Path, mend: str, missing: str = "not found") -> dict[str, Any]:
+def read(
+    kind: type[BaseModel], path: str | Path, mend: str = "", missing: str = "not found"
+) -> dict[str, Any]:
     """Return the content of a JSON file of this kind.
 
     Args:
@@ -58,7 +64,7 @@ def read(kind: type[BaseModel], path: str | Path, mend: str, missing: str = "not
     return content
 
 
-def check(kind: type[BaseModel], content: Any, where: str | Path, mend: str) -> None:
+def check(kind: type[BaseModel], content: Any, where: str | Path, mend: str = "") -> None:
     """Check what a file, or a part of it, holds.
 
     Args:
@@ -73,7 +79,7 @@ def check(kind: type[BaseModel], content: Any, where: str | Path, mend: str) -> 
     try:
         kind.model_validate(content)
     except ValidationError as error:
-        raise InputError(f"{where}: {first_fault(error)}; {mend}") from None
+        raise InputError(f"{where}: {first_fault(error)}" + (f"; {mend}" if mend else "")) from None
 
 
 def first_fault(error: ValidationError) -> str:
@@ -90,3 +96,27 @@ def first_fault(error: ValidationError) -> str:
         return f"{key + ' ' if key else ''}is {shown}: an object of named fields is needed"
     message = fault["msg"].removeprefix("Input ").removeprefix("Value error, ")
     return f"{key} is {shown}: it {message}" if message.startswith("should") else f"{key}: {message}"
+
+
+def checksum(content: Mapping[str, Any]) -> str:
+    """Return the digest of what a file holds, apart from its checksum."""
+    rest = {key: value for key, value in content.items() if key != CHECKSUM}
+    return digest(json.dumps(rest, sort_keys=True).encode())
+
+
+def with_checksum(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the content of a JSON file with its checksum.
+
+    It is for files of which a missing or changed value would be another value, not a fault.
+    """
+    return {**content, CHECKSUM: checksum(content)}
+
+
+def check_checksum(content: Mapping[str, Any], where: str | Path, mend: str) -> None:
+    """Check that nobody has changed a file. Files of earlier versions have no checksum.
+
+    Raises:
+        InputError: somebody has. The message begins with `where` and ends with `mend`.
+    """
+    if CHECKSUM in content and content[CHECKSUM] != checksum(content):
+        raise InputError(f"{where}: was changed after it was written (its {CHECKSUM} differs); {mend}")

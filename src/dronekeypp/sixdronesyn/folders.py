@@ -65,6 +65,21 @@ def read_manifest(root: Path) -> dict[str, Any]:
     return manifest
 
 
+def require_manifest(root: Path) -> dict[str, Any]:
+    """Return the manifest of a data set of 6DroneSyn.
+
+    Raises:
+        InputError: the folder has none, or a broken one.
+    """
+    manifest = read_manifest(root)
+    if not manifest:
+        raise InputError(
+            f"{root / 'manifest.json'}: missing, or not the manifest of 6DroneSyn; "
+            "is this a data set of `python -m dronekeypp generate`?"
+        )
+    return manifest
+
+
 def check_complete(root: Path, split: str, manifest: dict[str, Any]) -> None:
     """Check that every flight that 6DroneSyn's manifest plans for a split is there.
 

@@ -18,8 +18,8 @@ from dronekeypp.sixdronesyn.folders import (
     check_flight,
     edition_of,
     read_image,
-    read_manifest,
     read_models,
+    require_manifest,
     split_of,
 )
 from dronekeypp.sixdronesyn.frame_checks import frame_faults, needed_fields
@@ -44,12 +44,7 @@ def validate(root: str | Path, progress: bool = False) -> list[str]:
         InputError: there is no readable manifest at all.
     """
     root = Path(root)
-    manifest = read_manifest(root)
-    if not manifest:
-        raise InputError(
-            f"{root / 'manifest.json'}: missing, or not the manifest of 6DroneSyn; "
-            "is this a data set of `python -m dronekeypp generate`?"
-        )
+    manifest = require_manifest(root)
     check = _Validation(root, manifest)
     check.plan()
     for split, folder in tqdm(check.flights, unit="flight", disable=None if progress else True):
