@@ -147,9 +147,16 @@ def writing_beside(path: Path) -> Iterator[Path]:
 
 
 def write_beside(path: Path, content: bytes) -> None:
-    """Write `content` to a file beside `path`, then rename it to `path`."""
+    """Write `content` to a file beside `path`, then rename it to `path`.
+
+    Raises:
+        OSError: the disk is full, or the file too large. The error names `path`.
+    """
     with writing_beside(path) as beside:
-        beside.write_bytes(content)
+        try:
+            beside.write_bytes(content)
+        except OSError as error:  # while it writes, Python does not say of which file
+            raise OSError(error.errno, error.strerror, str(path)) from None
 
 
 def write_json(path: Path, value: Any, indent: int | None = None) -> None:

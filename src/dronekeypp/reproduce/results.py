@@ -104,7 +104,8 @@ def read_recorded(path: Path) -> dict[str, Any]:
     Raises:
         InputError: it is missing, torn, or not as it was written: nobody types a result.
     """
-    mend = f"make it again with `python -m dronekeypp reproduce {path.stem}`"
+    command = f"python -m dronekeypp reproduce {path.stem}"
+    mend = f"take it from git again, or delete it and make it with `{command}`"
     recorded = read(Recorded, path, mend)
     check_checksum(recorded, path, mend)
     recorded.pop(CHECKSUM, None)
