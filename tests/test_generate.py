@@ -416,7 +416,7 @@ def test_validate_names_the_fault(name, small_dataset, tmp_path):
 
 
 def test_frame_faults_of_one_of_the_seven_and_of_any_drone(small_dataset):
-    frame = bop.read_flight(small_dataset / FLIGHT)[1]
+    frame = bop.read_flight(small_dataset / FLIGHT)[0][1]
     hubs = bop.read_models(small_dataset)[frame.obj_id].hubs
     assert frame_faults(frame) == frame_faults(frame, hubs) == []
     (fault,) = frame_faults(frame, 1.1 * hubs)

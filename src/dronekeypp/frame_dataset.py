@@ -117,7 +117,7 @@ class FrameDataset(Dataset):
             digests = {int(number): values[0] for number, values in about["digests"].items()}
             place = (about["scene"], int(folder.name), scenes.WIDTH, scenes.HEIGHT)
         else:
-            annotations = bop.read_flight(folder, models, strict=False)
+            annotations = bop.frames_of(folder, bop.read_entries(folder), models, strict=False)
             width, height = folders.frame_size(self.root, folder, images)
             digests = {}
             place = (order, order, width, height)

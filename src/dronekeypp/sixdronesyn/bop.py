@@ -93,13 +93,14 @@ def read_flight(
     models: Mapping[int, DroneClass] | None = None,
     size: tuple[int, int] | None = None,
     strict: bool = True,
-) -> list[Frame]:
-    """Read all frames of one flight folder of any data set, in order.
+) -> tuple[list[Frame], dict[str, Any]]:
+    """Read all frames of one flight folder of any data set, in order, and its flight.json ({} without one).
 
-    The arguments and errors are those of `frames_of`.
+    The arguments and errors are those of `frames_of`. Digests are not checked, see `flight_file`.
     """
     folder = Path(folder)
-    return frames_of(folder, read_entries(folder), models, size, strict)
+    flight = read_json(folder / "flight.json") if (folder / "flight.json").is_file() else {}
+    return frames_of(folder, read_entries(folder), models, size, strict), flight
 
 
 def frames_of(
