@@ -22,7 +22,7 @@ from dronekeypp.model import Backbone, BackboneConfig, DroneKeyPP
 from dronekeypp.model.backbone import save_backbone
 from dronekeypp.presets import TrainConfig
 from dronekeypp.sixdronesyn import own, scenes
-from dronekeypp.sixdronesyn.folders import flight_facts
+from dronekeypp.sixdronesyn.flight_file import read_flight_file
 from dronekeypp.sixdronesyn.manifest import drawing
 
 SETS = FakeDrones(16), FakeDrones(8, seed=1)
@@ -113,11 +113,23 @@ STATES = {
         dict(header=lambda h: {**h, "epoch": 9}),
         "9 epochs are done, and 2 are to be trained",
     ),
-    "a truth value": (dict(header=lambda h: {**h, "epoch": True}), "epoch True is no number of epochs"),
-    "a part of an epoch": (dict(header=lambda h: {**h, "epoch": 1.7}), "epoch 1.7 is no number of epochs"),
+    "a truth value": (
+        dict(header=lambda h: {**h, "epoch": True}),
+        "epoch is True: it should be a valid integer",
+    ),
+    "a part of an epoch": (
+        dict(header=lambda h: {**h, "epoch": 1.7}),
+        "epoch is 1.7: it should be a valid integer",
+    ),
     "no epoch of its own": (dict(header=lambda h: {**h, "history": []}), "its history is of others"),
-    "a torn history": (dict(header=lambda h: {**h, "history": "…"}), "its history is no list"),
-    "no score": (dict(header=lambda h: {**h, "best_score": None}), "best_score None is no number"),
+    "a torn history": (
+        dict(header=lambda h: {**h, "history": "…"}),
+        "history is '…': it should be a valid list",
+    ),
+    "no score": (
+        dict(header=lambda h: {**h, "best_score": None}),
+        "best_score is None: it should be a valid number",
+    ),
     "no moments": (dict(tensors=without("adam/")), "Adam's moments of '.*' are missing"),
     "moments of some": (
         dict(tensors=without("adam/encoder.cls")),
@@ -248,12 +260,12 @@ HUBS = [[0.09, 0.11, 0.03], [0.09, -0.11, 0.03], [-0.08, -0.1, 0.03], [-0.08, 0.
             dict(propeller_diameter=0.6),
             "two hubs are 0.17.* m apart: the propellers are larger than the drone",
         ),
-        (dict(propeller_diameter="0.13"), "propeller_diameter: '0.13' is no number"),
-        (dict(mass=True), "mass: True is no number"),
+        (dict(propeller_diameter="0.13"), "propeller_diameter is '0.13': it should be a valid number"),
+        (dict(mass=True), "mass is True"),
         (dict(motor_radius=0.12), "propeller_diameter and motor_radius in metres"),
-        (dict(hull_rgb=[1.7, 0, 0]), "hull_rgb: 1.7 is no whole number"),
-        (dict(tip_rgb=[True, 0, 0]), "tip_rgb: True is no whole number"),
-        (dict(body_mm=[True, 100, 100]), "body_mm: True is no number"),
+        (dict(hull_rgb=[1.7, 0, 0]), "hull_rgb.0 is 1.7: it should be a valid integer"),
+        (dict(tip_rgb=[True, 0, 0]), "tip_rgb.0 is True"),
+        (dict(body_mm=[True, 100, 100]), "body_mm.0 is True"),
     ],
 )
 def test_drones_that_cannot_fly(change, message, tmp_path):
@@ -265,9 +277,12 @@ def test_drones_that_cannot_fly(change, message, tmp_path):
 
 
 @pytest.mark.parametrize("scene", [1.7, True, "1", None])
-def test_a_scene_is_a_whole_number(scene, tmp_path):
-    with pytest.raises(InputError, match="flight.json: no scene and digests"):
-        flight_facts(tmp_path, {"scene": scene, "digests": {}})
+def test_a_scene_is_a_whole_number(scene, small_dataset, tmp_path):
+    folder = shutil.copytree(next((small_dataset / "train").iterdir()), tmp_path / "flight")
+    about = json.loads((folder / "flight.json").read_text())
+    (folder / "flight.json").write_text(json.dumps({**about, "scene": scene}))
+    with pytest.raises(InputError, match="flight.json: scene is .*: it should be a valid integer"):
+        read_flight_file(folder)
 
 
 def edited(folder, name, key, change):

@@ -17,6 +17,9 @@ from dronekeypp.errors import InputError
 from dronekeypp.evaluate import evaluate_checkpoint
 from dronekeypp.files import write_json
 from dronekeypp.model import DroneKeyPP
+from dronekeypp.sixdronesyn.bop import read_entries
+from dronekeypp.sixdronesyn.flight_file import frame_digest
+from dronekeypp.sixdronesyn.manifest_check import FINISHED
 
 ROOT = Path(__file__).parents[1]
 SAMPLES = ROOT / "data_samples"
@@ -131,9 +134,9 @@ def test_a_baseline_of_the_first_format_loads_without_what_it_ignored(tmp_path):
         ({"method": "Magic"}, "unknown method 'Magic'"),
         ({"drones": []}, "names 0 drones, its settings have 7 classes"),
         ({"drones": 5}, "drones is not a list of classes"),
-        ({"drones": [{}] * 7}, "a class of drones without hubs"),
+        ({"drones": [{}] * 7}, "a class of drones: the field name is missing"),
         ({"drones": [NOBODY] * 7}, "two of its drones are called A"),
-        ({"drones": [5] * 7}, "not a class of drones"),
+        ({"drones": [5] * 7}, "a class of drones: is 5: an object of named fields"),
         ({"settings": 5}, "needs a mapping of settings"),
     ],
 )
@@ -166,13 +169,19 @@ def test_drones_are_the_same_by_name_and_hubs():
 
 
 def relabelled_set(folder, changes):
-    """A copy of the sample crops whose models_info.json says other things: {object: {key: value} or None}."""
+    """A copy of the sample crops whose models_info.json says other things: {object: {key: value} or None}.
+
+    Its manifest is that of a data set that is not finished. Of a finished one the drones are known.
+    """
     shutil.copytree(SAMPLES / "crops", folder, ignore=shutil.ignore_patterns("train", "val", "*.ply"))
     path = folder / "models" / "models_info.json"
     info = json.loads(path.read_text())
     for number, change in changes.items():
         info[number] = {**info[number], **change}
     path.write_text(json.dumps(info))
+    manifest = json.loads((folder / "manifest.json").read_text())
+    unfinished = {key: value for key, value in manifest.items() if key not in FINISHED}
+    (folder / "manifest.json").write_text(json.dumps(unfinished))
     return folder
 
 
@@ -205,10 +214,13 @@ def test_a_network_of_seven_on_a_set_of_eight(tmp_path, capsys):
     info["8"] = {**info["7"], "name": "Racer"}
     path.write_text(json.dumps(info))
     for gt in sorted((folder / "test").glob("*/scene_gt.json"))[:3]:
-        table = json.loads(gt.read_text())
+        table, about = json.loads(gt.read_text()), json.loads((gt.parent / "flight.json").read_text())
         for objects in table.values():
             objects[0]["obj_id"] = 8
         gt.write_text(json.dumps(table))
+        for number, (camera, truths, infos) in read_entries(gt.parent).items():
+            about["digests"][str(number)][1] = frame_digest((camera, truths[0], infos[0]))
+        (gt.parent / "flight.json").write_text(json.dumps(about))
     evaluate_checkpoint(SAMPLES / "checkpoint", folder, progress=False)
     assert "the network does not know Racer" in capsys.readouterr().out
 
@@ -228,6 +240,7 @@ def test_an_exported_file_carries_the_same_facts(tmp_path):
 def test_settings_of_another_width_do_not_fit(tmp_path):
     folder = saved(tmp_path)
     description = json.loads((folder / "config.json").read_text())
+    del description["checksum"]
     write_json(folder / "config.json", {**description, "settings": tiny(width=32)})
     with pytest.raises(InputError, match="has shape .* the configuration needs"):
         checkpoint.load(folder)

@@ -22,6 +22,7 @@ from dronekeypp.sixdronesyn.depth import DEEPEST, depth_scale, draw_depth
 from dronekeypp.sixdronesyn.drone import Drone
 from dronekeypp.sixdronesyn.generate import Flight, finish, generate
 from dronekeypp.sixdronesyn.manifest import start_manifest
+from dronekeypp.sixdronesyn.manifest_check import FINISHED
 from dronekeypp.sixdronesyn.meshes import drone_mesh
 from dronekeypp.sixdronesyn.render import DroneRenderer
 from dronekeypp.sixdronesyn.validate import frame_faults, validate
@@ -82,22 +83,22 @@ def _with(**settings):
 
 
 MANIFESTS = {
-    "no settings": ({"settings": None, "planned": {}}, "no settings"),
-    "empty settings": ({"settings": {}, "planned": {}}, "no version"),
+    "no settings": ({"settings": None, "planned": {}}, "settings is None"),
+    "empty settings": ({"settings": {}, "planned": {}}, "the field settings.version is missing"),
     "edition of another kind": (_with(edition=[1]), "edition [1] is unknown"),
     "edition that is true": (_with(edition=True), "edition True is unknown"),
     "edition of the future": (_with(edition=3), "edition 3 is unknown; this version of dronekeypp knows 1"),
-    "size": (_with(size="large"), "size 'large'"),
+    "size": (_with(size="large"), "settings.size is 'large'"),
     "size of whole frames": (_with(size=64), "size 64 of full frames"),
-    "frames": (_with(frames=["full"]), "frames ['full']"),
-    "stride": (_with(stride=0), "stride 0"),
-    "quadrotors": (_with(quadrotors=[3]), "quadrotors [3]"),
-    "own drones": (_with(own_drones=["Racer"]), "own_drones ['Racer']"),
-    "environments": (_with(environment_digests=None), "environment_digests None"),
-    "plan": ({**_with(), "planned": {"000610": "four"}}, "no plan"),
-    "list of flights": ({**_with(), "flights": {"000610": ["test"]}}, "a flight without split"),
-    "counts": ({**_with(), "frames": []}, "frames that are no numbers"),
-    "versions": ({**_with(), "versions": {}}, "versions that are no list"),
+    "frames": (_with(frames=["full"]), "settings.frames is ['full']: it should be 'crop' or 'full'"),
+    "stride": (_with(stride=0), "settings.stride is 0"),
+    "quadrotors": (_with(quadrotors=[3]), "settings.quadrotors: List should have at least 2"),
+    "own drones": (_with(own_drones=["Racer"]), "settings.own_drones is ['Racer']"),
+    "environments": (_with(environment_digests=None), "settings.environment_digests is None"),
+    "plan": ({**_with(), "planned": {"000610": "four"}}, "planned.000610 is 'four'"),
+    "list of flights": ({**_with(), "flights": {"000610": ["test"]}}, "flights.000610 is ['test']"),
+    "counts": ({**_with(), "frames": []}, "frames is []"),
+    "versions": ({**_with(), "versions": {}}, "versions is {}"),
     "another list": ([1], "not a data set's manifest"),
 }
 
@@ -122,8 +123,8 @@ def test_a_broken_manifest_is_one_line(name, tmp_path, environments, capsys):
 
 def test_a_flight_without_digests_is_one_line(copy):
     edit(copy / FLIGHT / "flight.json", lambda about: about["digests"].update({"0": [[], "", "", "", ""]}))
-    assert any("flight.json: no digests" in fault for fault in validate(copy))
-    with pytest.raises(InputError, match=r"flight.json: no digests; delete its flight folder"):
+    assert any("flight.json: digests.0.0 is []" in fault for fault in validate(copy))
+    with pytest.raises(InputError, match=r"flight.json: digests.0.0 is .*; delete its flight folder"):
         finish(copy)
 
 
@@ -133,7 +134,7 @@ def test_a_flight_without_digests_is_one_line(copy):
 def test_an_interrupted_data_set_of_quadrotors_has_no_other_faults(quadrotors, tmp_path):
     root = tmp_path / "copy"
     shutil.copytree(quadrotors, root, ignore=shutil.ignore_patterns("models*", "coco*", "test_targets*"))
-    edit(root / "manifest.json", lambda manifest: [manifest.pop(key) for key in ("flights", "frames")])
+    edit(root / "manifest.json", lambda manifest: [manifest.pop(key) for key in FINISHED])
     (fault,) = validate(root)
     assert "generate has not finished" in fault
 
@@ -193,7 +194,7 @@ def test_coco_names_a_mesh_that_is_cut_off(quadrotors, tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"propeller_diameter": "wide"}, "object 1: propeller_diameter is not a list of numbers"),
+        ({"propeller_diameter": "wide"}, "object 1: propeller_diameter is 'wide'"),
         ({"keypoints": None}, "object 1: the field keypoints is missing"),
     ],
 )

@@ -395,7 +395,7 @@ FAULTS = {
     "frame renumbered": (_renumber, ["000610", "not the 4 planned"]),
     "manifest forgets a flight": (_manifest(lambda m: m["flights"].pop("000610")), ["its flights"]),
     "manifest with other counts": (_manifest(lambda m: m["frames"].update(test=0)), ["its frames"]),
-    "manifest with another digest": (_manifest(lambda m: m.update(digest="x")), ["its digest"]),
+    "manifest with another digest": (_manifest(lambda m: m.update(digest=16 * "0")), ["its digest"]),
     "flight missing": (_lose_flight, ["000610", "missing"]),
     "flight in two splits": (_flight_in_two_splits, ["000610", "two splits"]),
     "not JSON": (_not_json, ["scene_gt.json", "not valid JSON"]),

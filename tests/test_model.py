@@ -473,6 +473,7 @@ def test_every_bad_checkpoint_is_one_clear_error(tmp_path):
         """The good config.json with other settings."""
         description = json.loads(good_config)
         description["settings"].update(settings)
+        del description["checksum"]
         return json.dumps(description)
 
     config.unlink()
@@ -489,6 +490,10 @@ def test_every_bad_checkpoint_is_one_clear_error(tmp_path):
     fails("config.json: unknown setting 'colour' with pose=mlp; known: backbone")
     weights.write_bytes(good_weights[:-100])
     fails("model.safetensors is not a readable safetensors file")
+    config.write_text(good_config.replace('"width": ', '"wider": '))
+    fails("config.json: unknown setting 'wider'")
+    config.write_text(good_config.replace('"layers": ', '"layers": 1'))
+    fails("config.json: was changed after it was written .* delete its checksum if you mean the change")
     config.write_text(changed(width=32))
     fails("model.safetensors: .* has shape .* needs")
     config.write_text(changed(layers=3))

@@ -239,22 +239,22 @@ def moved(hub, axis, by):
 @pytest.mark.parametrize(
     ("change", "match"),
     [
-        ({"hubs": None}, "lacks hubs"),
-        ({"colour": 1}, "unknown field colour"),
+        ({"hubs": None}, "the field hubs is missing"),
+        ({"colour": 1}, "the field colour is unknown"),
         ({"name": "Tello"}, "there is a drone 'Tello' already"),
         ({"name": "my racer"}, "letters and digits only"),
         ({"name": "Quad17"}, "that is a random quadrotor's; choose another name"),
         ({"mesh": "other.stl"}, "other.stl not found"),
-        ({"mesh_unit": "inch"}, "m or mm"),
-        ({"hubs": HUBS[:3]}, "four points of three numbers"),
+        ({"mesh_unit": "inch"}, "should be 'm' or 'mm'"),
+        ({"hubs": HUBS[:3]}, "hubs: List should have at least 4 items"),
         ({"hubs": (1000 * np.array(HUBS)).tolist()}, "hubs are in metres"),
         ({"hubs": HUBS[::-1]}, "in the order front-left"),
-        ({"hubs": "many"}, "could not convert"),
+        ({"hubs": "many"}, "hubs is 'many'"),
         ({"hubs": moved(0, 0, 0.01)}, r"racer\.json: hubs are 10\.0 mm from left–right symmetric"),
         ({"hubs": moved(3, 1, 0.02)}, r"racer\.json: hubs are 20\.0 mm from left–right symmetric"),
         ({"hubs": moved(1, 2, 0.04)}, r"racer\.json: hubs are \d+\.\d mm from lying in one plane"),
         ({"mass": 0}, "mass in kg"),
-        ({"hull_rgb": [0, 0, 300]}, "three numbers, 0 to 255"),
+        ({"hull_rgb": [0, 0, 300]}, "hull_rgb.2 is 300: it should be less than or equal to 255"),
     ],
 )
 def test_bad_drones(change, match, folder, monkeypatch):
@@ -285,7 +285,7 @@ def test_bad_folders_and_files(folder, tmp_path, monkeypatch):
         write(folder, {**RACER, "name": name})
     assert [drone["index"] for drone in own.read(SEVEN)] == [7, 8, 9, 10]
     (folder / "a.json").write_text('["name", "mesh"]')
-    with pytest.raises(InputError, match="not the fields of a drone but a list"):
+    with pytest.raises(InputError, match="an object of named fields is needed"):
         own.read(SEVEN)
     (folder / "a.json").write_text("{")
     with pytest.raises(InputError, match="not valid JSON"):

@@ -150,7 +150,8 @@ def answered(weights, seed=0, error=1.0, digest="d"):
     run |= {"epochs": 1, "minutes": 2.0, "rows": [None]}
     means = {"method": "DroneKey++", "variant": None, "seed": seed, "over": "rows"}
     means |= dict.fromkeys(asked.KEPT, error)
-    return {"dataset": {"digest": digest}, "runs": [run], "averages": [means]}
+    about = {"name": "table", "hardware": "a CPU", "versions": {}}
+    return {**about, "dataset": {"digest": digest}, "runs": [run], "averages": [means]}
 
 
 def test_no_answer_of_the_test_scenes_is_lost(tmp_path):

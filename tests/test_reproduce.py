@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -104,6 +105,7 @@ def finished(tmp_path_factory, environments):
 def test_the_result_is_recorded_with_what_made_it(finished):
     root, data, recorded = finished
     stored = json.loads((root / "data_samples" / "results" / "table3.json").read_text())
+    assert len(stored.pop("checksum")) == 16
     assert recorded == stored == read_result("table3", root)
     digest = json.loads((data / "manifest.json").read_text())["digest"]
     assert recorded["dataset"]["digest"] == digest and recorded["dataset"]["stride"] == STRIDE
@@ -864,7 +866,10 @@ def test_bad_calls_are_one_clear_error(finished, tmp_path):
 
 
 def test_data_of_another_edition_are_refused(tmp_path):
-    manifest = {"settings": {"edition": 3 - EDITION}, "frames": {}}
+    manifest = json.loads(
+        (Path(__file__).parents[1] / "data_samples" / "crops" / "manifest.json").read_text()
+    )
+    manifest["settings"]["edition"] = 3 - EDITION
     (tmp_path / "manifest.json").write_text(json.dumps(manifest))
     bench = Bench(tmp_path, "cpu", {}, "none", tmp_path, progress=False)
     message = (

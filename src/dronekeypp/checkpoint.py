@@ -4,7 +4,7 @@ A checkpoint holds two files:
 
     model.safetensors   the weights; nothing is pickled
     config.json         {"format": 2, "method": …, "drones": [{"name", "label", "hubs", "hubs_digest"}, …],
-                         "settings": {…}}
+                         "settings": {…}, "checksum": …}
 
 `drones` are the classes in their order, with the hubs that the network was trained on (body axes, metres).
 `settings` are those of the method. The first format held only the settings, beside the method; it can be read
@@ -30,6 +30,7 @@ from torch import Tensor, nn
 from dronekeypp.classes import FIRST_EDITION, DroneClass, names_of, unnamed
 from dronekeypp.errors import InputError
 from dronekeypp.files import read_json, write_beside
+from dronekeypp.schema import CHECKSUM, check_checksum, with_checksum
 from dronekeypp.settings import Settings, usable
 
 WEIGHTS, CONFIG, BEST = "model.safetensors", "config.json", "best"
@@ -140,7 +141,8 @@ def describe(network: nn.Module) -> dict[str, Any]:
     """Return what config.json says of a network; the metadata of an exported file say the same."""
     drones = [drone.to_dict() for drone in network.drones]
     settings = network.config.to_dict()
-    return {"format": FORMAT, "method": network.method, "drones": drones, "settings": settings}
+    about = {"format": FORMAT, "method": network.method, "drones": drones, "settings": settings}
+    return with_checksum(about)
 
 
 def read_config(folder: str | Path, kind: type | None = None) -> tuple[str, Settings, tuple[DroneClass, ...]]:
@@ -222,6 +224,8 @@ def parse(
     classes = getattr(config, "classes", len(drones))
     if classes != len(drones):
         raise InputError(f"{source}: names {len(drones)} drones, its settings have {classes} classes")
+    # A setting that is missing would stand for its default.
+    check_checksum(values, source, f"take its original, or delete its {CHECKSUM} if you mean the change")
     return method, config, drones
 
 

@@ -10,17 +10,28 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
 from dronekeypp.errors import InputError
 from dronekeypp.files import digest
+from dronekeypp.schema import Digest, Name, Point, Schema, check
 
 # The seven drones of 6DroneSyn, in class order. A checkpoint of the first edition does not name its classes.
 FIRST_EDITION = ("Mini3", "Mini2", "Air3", "Air2", "Mav2", "Mav3", "Tello")
 SYMMETRY = 0.01  # of the wheelbase: how far hubs may be from left–right symmetric
 LARGEST, SMALLEST = 2.0, 0.02  # metres, of the hub that lies farthest from the origin
+
+
+class ClassEntry(Schema):
+    """This is what a checkpoint says of one of its classes, see `DroneClass.to_dict`."""
+
+    name: Name
+    label: str | None = None
+    hubs: Annotated[list[Point], Field(min_length=4, max_length=4)] | None
+    hubs_digest: Digest | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,16 +91,10 @@ class DroneClass:
             InputError: the values are not those of a class, or the hubs do not have the digest that is
                 stored.
         """
-        try:
-            hubs = None if values["hubs"] is None else np.array(values["hubs"], dtype=float).reshape(4, 3)
-            drone = cls(str(values["name"]), hubs, str(values.get("label") or ""))
-            stored = values["hubs_digest"]
-        except KeyError as error:
-            raise InputError(f"a class of drones without {error.args[0]}: {values!r}") from None
-        except (TypeError, ValueError, AttributeError):
-            raise InputError(f"not a class of drones: {values!r}") from None
-        if hubs is not None and not np.isfinite(hubs).all():
-            raise InputError(f"the hubs of {drone.name} hold NaN or infinity")
+        check(ClassEntry, values, "a class of drones")
+        hubs = None if values["hubs"] is None else np.array(values["hubs"], dtype=float)
+        drone = cls(values["name"], hubs, values.get("label") or "")
+        stored = values["hubs_digest"]
         if stored != drone.digest:
             raise InputError(f"the hubs of {drone.name} were changed: their digest is not {stored}")
         return drone

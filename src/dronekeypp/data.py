@@ -10,7 +10,7 @@ manifest. Any other BOP folder will do:
                                              keypoints_3d, keypoints_visible
                       scene_gt_info.json     bbox_obj
     ROOT/models/models_info.json             for each object: name, and keypoints (its four hubs, body axes)
-    ROOT/SPLIT.txt                           instead of a folder SPLIT: one flight folder a line, or
+    ROOT/SPLIT.txt                           instead of a folder SPLIT: one flight folder of ROOT a line, or
                                              FLIGHT/NUMBER for a single frame
 
 On disk, cam_t_m2c, keypoints_3d (both in camera axes) and the hubs of models_info.json are in millimetres, as

@@ -6,7 +6,6 @@ It is called like the network that it was made from.
 from __future__ import annotations
 
 import importlib.util
-import json
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ from torch import Tensor
 
 from dronekeypp import checkpoint
 from dronekeypp.errors import InputError
+from dronekeypp.files import parse_json
 from dronekeypp.model import DECODERS, ModelConfig
 from dronekeypp.model.inputs import check_input_shapes, check_values
 
@@ -82,10 +82,7 @@ class OnnxNetwork:
         metadata = self.session.get_modelmeta().custom_metadata_map
         if DESCRIPTION not in metadata:
             raise InputError(f"{path} was not written by `python -m dronekeypp export`")
-        try:
-            description = json.loads(metadata[DESCRIPTION])
-        except (ValueError, RecursionError) as error:
-            raise InputError(f"{path}: its settings are not valid JSON ({error})") from None
+        description = parse_json(metadata[DESCRIPTION], f"{path}: its settings")
         _, self.config, self.drones = checkpoint.parse(description, path)
         self._check_graph(path)
 

@@ -40,7 +40,7 @@ def read_json(path: str | Path, missing: str = "not found", mend: str = "") -> A
         mend: what the message tells the reader to do about a file that is not JSON.
 
     Raises:
-        InputError: the file is missing, or it is not JSON. The message names the file.
+        InputError: the file is missing, or it is not JSON, or has a key twice. The message names the file.
     """
     try:
         text = Path(path).read_text(encoding="utf-8")
@@ -51,21 +51,19 @@ def read_json(path: str | Path, missing: str = "not found", mend: str = "") -> A
     return parse_json(text, path, mend)
 
 
-def parse_json(text: str, path: str | Path, mend: str = "", unique_keys: bool = False) -> Any:
+def parse_json(text: str | bytes, path: str | Path, mend: str = "") -> Any:
     """Return the content of JSON text. A whole number that no float can hold comes back as infinity.
 
     Args:
         text: the text.
         path: the file it is of, for messages.
         mend: what the message tells the reader to do about text that is not JSON.
-        unique_keys: whether to refuse an object that has a key twice, of which JSON would keep the last.
 
     Raises:
-        InputError: it is not JSON.
+        InputError: it is not JSON, or an object has a key twice, of which JSON would keep the last.
     """
-    hook = _unique_keys if unique_keys else None
     try:
-        return json.loads(text, parse_int=_whole_number, object_pairs_hook=hook)
+        return json.loads(text, parse_int=_whole_number, object_pairs_hook=_unique_keys)
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: not valid JSON ({error})" + (f"; {mend}" if mend else "")) from None
 
@@ -149,9 +147,16 @@ def writing_beside(path: Path) -> Iterator[Path]:
 
 
 def write_beside(path: Path, content: bytes) -> None:
-    """Write `content` to a file beside `path`, then rename it to `path`."""
+    """Write `content` to a file beside `path`, then rename it to `path`.
+
+    Raises:
+        OSError: the disk is full, or the file too large. The error names `path`.
+    """
     with writing_beside(path) as beside:
-        beside.write_bytes(content)
+        try:
+            beside.write_bytes(content)
+        except OSError as error:  # while it writes, Python does not say of which file
+            raise OSError(error.errno, error.strerror, str(path)) from None
 
 
 def write_json(path: Path, value: Any, indent: int | None = None) -> None:

@@ -17,6 +17,7 @@ from dronekeypp.camera import CROP_MARGIN, clamp_square, crop_image, square_arou
 from dronekeypp.classes import DroneClass, names_of
 from dronekeypp.errors import InputError
 from dronekeypp.sixdronesyn import bop, folders, scenes
+from dronekeypp.sixdronesyn.flight_file import read_own_flight
 from dronekeypp.stored import StoredFrame
 
 ALWAYS = ("image", "K", "square", "label", "scene", "subsequence", "frame")
@@ -81,7 +82,7 @@ class FrameDataset(Dataset):
         self.augment, self.degrade, self.epoch = augment, degrade, 0
         self.manifest = folders.read_manifest(self.root)
         flights = folders.find_flights(self.root, split, self.manifest)
-        models = bop.read_models(self.root) or folders.unnamed_objects(self.root)
+        models = folders.read_models(self.root, self.manifest) or folders.unnamed_objects(self.root)
         self.objects, self.drones = models, tuple(models.values())
         self._numbers = list(models)
         self.stored: list[StoredFrame] = []
@@ -111,11 +112,12 @@ class FrameDataset(Dataset):
         """
         images = folders.stored_images(folder)
         if self.manifest:
-            annotations, flight = bop.read_flight(folder, models, (scenes.WIDTH, scenes.HEIGHT))
-            scene, digests = folders.flight_facts(folder, flight)
-            place = (scene, int(folder.name), scenes.WIDTH, scenes.HEIGHT)
+            annotations, about = read_own_flight(folder, models)
+            folders.check_flight(folder, about, self.manifest)
+            digests = {int(number): values[0] for number, values in about["digests"].items()}
+            place = (about["scene"], int(folder.name), scenes.WIDTH, scenes.HEIGHT)
         else:
-            annotations, _ = bop.read_flight(folder, models, strict=False)
+            annotations = bop.frames_of(folder, bop.read_entries(folder), models, strict=False)
             width, height = folders.frame_size(self.root, folder, images)
             digests = {}
             place = (order, order, width, height)

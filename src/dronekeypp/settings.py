@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, Self
 
 from dronekeypp.errors import InputError
+from dronekeypp.files import parse_json
 
 YES_NO = {"true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}
 
@@ -103,11 +104,7 @@ class Settings:
         Raises:
             InputError: the text is not JSON, or `from_dict` refuses what it holds.
         """
-        try:
-            values = json.loads(text)
-        except (ValueError, RecursionError) as error:
-            raise InputError(f"{cls.__name__} is not valid JSON: {error}") from None
-        return cls.from_dict(values)
+        return cls.from_dict(parse_json(text, cls.__name__))
 
     def replace(self, **changes: Any) -> Self:
         """Return the same settings with some of them changed.

@@ -33,10 +33,12 @@ from dronekeypp.baselines.yolo_layout import HIDDEN, SEEN, label_line, write_dat
 from dronekeypp.classes import names_of
 from dronekeypp.data import FrameDataset
 from dronekeypp.errors import InputError
-from dronekeypp.files import digest, read_json, write_beside, write_json
+from dronekeypp.files import digest, write_beside, write_json
+from dronekeypp.schema import Open, read
 
 METHOD = "YOLOv8n-pose + PnP"
 CONFIDENCE = 0.001  # every crop holds one drone, so the likeliest box counts, however unlikely
+BROKEN = "remove {} and train again"
 LOG, SETTINGS = "epochs.csv", "settings.json"
 WRITTEN = "written.json"  # beside the copies: {digest of a checkpoint: the number of epochs behind it}
 KEPT = "kept"  # folder of the checkpoints' copies, and of the number of epochs behind them
@@ -153,7 +155,7 @@ def train(
     out = Path(out).resolve()
     out.mkdir(parents=True, exist_ok=True)
     if (out / SETTINGS).is_file():
-        old = read_json(out / SETTINGS)
+        old = read(Open, out / SETTINGS, BROKEN.format(out))
         for key, value in settings.items():
             if old.get(key) != value:
                 raise InputError(
@@ -170,9 +172,18 @@ def train(
 
 
 def epochs_done(out: Path) -> int:
-    """Return the number of whole epochs behind the checkpoints that were kept."""
+    """Return the number of whole epochs behind the checkpoints that were kept.
+
+    Raises:
+        InputError: the file that says so is broken.
+    """
     number = out / KEPT / "epoch"
-    return int(number.read_text()) if number.is_file() else 0
+    if not number.is_file():
+        return 0
+    text = number.read_text(errors="replace")
+    if not text.isdecimal():
+        raise InputError(f"{number}: no number of epochs; " + BROKEN.format(out))
+    return int(text)
 
 
 def epochs_behind(last: Path, written: Any) -> int:
@@ -199,7 +210,9 @@ def _train(data: Path, out: Path, settings: dict[str, Any], device: str) -> None
     YOLO = library(out / "library")
     folder = out / KEPT
     folder.mkdir(exist_ok=True)
-    written = read_json(folder / WRITTEN) if (folder / WRITTEN).is_file() else {}
+    written = {}
+    if (folder / WRITTEN).is_file():
+        written = read(Open, folder / WRITTEN, BROKEN.format(out))
     epoch_began = time.monotonic()
 
     def keep(trainer: Any) -> None:

@@ -228,7 +228,7 @@ def _is_finished(out: Path, record: dict[str, Any]) -> bool:
         raise InputError(f"{out} is a file, not a folder")
     if not (out / RECORD).is_file():
         raise InputError(f"{out}: the folder is there and holds no {RECORD}; choose another with --out")
-    old = read_json(out / RECORD)
+    old = read_json(out / RECORD, mend="choose another folder with --out")
     for key, value in record.items():
         before = old.get(key) if isinstance(old, dict) else None
         if before != value:
@@ -256,7 +256,7 @@ def _start(partial: Path, record: dict[str, Any], pictures: dict[str, Pictures])
     """Keep what a killed run of this very conversion has left in a folder, and clear that of another one."""
     path = partial / RECORD
     remove_unfinished(partial, FILES)
-    if path.is_file() and read_json(path) == record:
+    if _holds(path, record):
         for split, names in pictures.items():
             remove_unfinished(partial / "images" / split, names)
             remove_unfinished(partial / "labels" / split, {Path(name).stem + ".txt" for name in names})
@@ -267,6 +267,14 @@ def _start(partial: Path, record: dict[str, Any], pictures: dict[str, Pictures])
     for name in FILES:
         (partial / name).unlink(missing_ok=True)
     write_json(path, record)
+
+
+def _holds(path: Path, record: dict[str, Any]) -> bool:
+    """Tell whether a file is there and holds `record`. One that is torn does not."""
+    try:
+        return path.is_file() and read_json(path) == record
+    except InputError:
+        return False
 
 
 def _write_pictures(partial: Path, pictures: dict[str, Pictures], progress: bool) -> None:

@@ -131,12 +131,20 @@ def read_journal(path: Path, drones: Sequence[str]) -> list[Row]:
             if not complete or row["frame"] != str(len(rows)):
                 break
             pose = to_pose(row)
-            if pose and pose.drone not in drones:
+            if pose and not (pose.drone in drones and _is_finite(pose)):
                 break
+            if pose is None and any(row[column] for column in KEYPOINTS):
+                break  # its status is not the one that was written
             rows.append(row)
     except (ValueError, csv.Error):
         pass  # what cannot be read is done again
     return rows
+
+
+def _is_finite(pose: Pose) -> bool:
+    """Tell whether all numbers of a pose are, but for deviations that were not claimed."""
+    numbers = (pose.box, pose.score, pose.doubt_px, pose.keypoints, pose.R, pose.t, pose.seconds)
+    return all(np.isfinite(value).all() for value in numbers)
 
 
 def to_pose(row: Row) -> Pose | None:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from dronekeypp.files import read_json
+from dronekeypp.reproduce.results import read_recorded
 
 # What is kept of an earlier answer.
 KEPT = ("R_mae_deg", "R_medae_deg", "t_axis_mae_m", "t_mae_m", "t_medae_m", "class_accuracy")
@@ -35,7 +35,7 @@ def with_earlier(recorded: dict[str, Any], path: Path) -> dict[str, Any]:
         recorded: the new result.
         path: the file that it will replace; it may be missing.
     """
-    before = read_json(path) if path.is_file() else {}
+    before = read_recorded(path) if path.is_file() else {}
     known = known_answers(before) if digests(before) == digests(recorded) else []
     runs = []
     for run in recorded["runs"]:

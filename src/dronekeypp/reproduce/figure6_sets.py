@@ -21,7 +21,7 @@ from dronekeypp.classes import names_of
 from dronekeypp.data import open_dataset
 from dronekeypp.errors import InputError
 from dronekeypp.evaluate import frame_errors, json_values, measure
-from dronekeypp.files import read_json, repository_root
+from dronekeypp.files import repository_root
 from dronekeypp.footage import read_picture
 from dronekeypp.model import Backbone, DroneKeyPP, ModelConfig
 from dronekeypp.predict import mirror_doubt
@@ -29,6 +29,7 @@ from dronekeypp.realism import backbone_features, descriptor, interval
 from dronekeypp.reproduce import ablations
 from dronekeypp.reproduce.results import describe
 from dronekeypp.reproduce.runner import Bench
+from dronekeypp.sixdronesyn.folders import read_manifest
 from dronekeypp.sixdronesyn.scenes import SCENES, count_frames
 from dronekeypp.train import BEST
 
@@ -179,7 +180,7 @@ def paint_plain(folder: Path) -> Path:
 def rendered(bench: Bench, name: str, environments: Path | None) -> Path:
     """Return the folder of a made set, after rendering its test flights if they are missing."""
     folder = bench.data if name == "drawn" else bench.data.with_name(f"{bench.data.name}-{name}")
-    manifest = read_json(folder / "manifest.json") if (folder / "manifest.json").is_file() else {}
+    manifest = read_manifest(folder)
     usual = max(bench.stride, 10) if name == "plain" else bench.stride  # plain: just enough
     stride = manifest.get("settings", {}).get("stride", usual)
     if manifest.get("frames", {}).get("test", 0) < count_frames(TEST, stride=stride):

@@ -12,17 +12,30 @@ import platform
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import torch
+from pydantic import Field
 
 from dronekeypp.errors import InputError
 from dronekeypp.evaluate import FORMAT, MEASURES, averages, flight_errors, json_values, summarise
 from dronekeypp.evaluate.statistics import Frames, Measures
-from dronekeypp.files import digest, read_json, repository_root, write_beside, write_json
+from dronekeypp.files import digest, repository_root, write_beside, write_json
 from dronekeypp.presets import TrainConfig
-from dronekeypp.sixdronesyn.folders import edition_of
+from dronekeypp.schema import (
+    CHECKSUM,
+    Count,
+    Digest,
+    Length,
+    Name,
+    Open,
+    Words,
+    check_checksum,
+    read,
+    with_checksum,
+)
+from dronekeypp.sixdronesyn.folders import edition_of, require_manifest
 from dronekeypp.train import choose_device
 
 RESULTS = Path("data_samples") / "results"  # below the root
@@ -31,6 +44,46 @@ HARDWARE = "hardware.txt"  # in a run's folder: what it was trained on
 PAPER: dict[str, Any] = json.loads((Path(__file__).parent / "paper.json").read_text(encoding="utf-8"))
 
 # --- a recorded result ------------------------------------------------------------------------------------
+
+
+class Entry(Open):
+    """This is an entry of a list: what was measured of a method, or a training."""
+
+    method: str | None = None
+    variant: str | None = None
+    seed: Count | None = None
+
+
+class DataSet(Open):
+    """This is what a result says of the data set that it was measured on, see `describe`."""
+
+    edition: Count = 1
+    seed: Count = 0
+    digest: str = ""
+    train_frames: Count = 0
+    test_frames: Count = 0
+    stride: Length = 1
+    environments: str = ""
+
+
+class Recorded(Open):
+    """This is what every result holds. The rest is known to its table, and its checksum keeps it."""
+
+    name: Name
+    command: str = ""
+    preset: str = ""
+    budget: Words = {}
+    dataset: DataSet | None = None
+    datasets: dict[str, DataSet] = {}
+    hardware: str | dict[str, Any]
+    minutes: Annotated[float, Field(ge=0)] = 0
+    versions: Words
+    runs: list[Entry] = []
+    rows: list[Entry] = []
+    averages: list[Entry] = []
+    validation: list[Entry] = []
+    flights: list[Entry] = []
+    checksum: Digest = ""
 
 
 def read_result(name: str, root: Path | None = None) -> dict[str, Any]:
@@ -42,7 +95,21 @@ def read_result(name: str, root: Path | None = None) -> dict[str, Any]:
     path = result_path(root or repository_root(), name)
     if not path.is_file():
         raise InputError(f"{path} not found: make it with `python -m dronekeypp reproduce {name}`")
-    return read_json(path)
+    return read_recorded(path)
+
+
+def read_recorded(path: Path) -> dict[str, Any]:
+    """Return what a file of `write_result` holds.
+
+    Raises:
+        InputError: it is missing, torn, or not as it was written: nobody types a result.
+    """
+    command = f"python -m dronekeypp reproduce {path.stem}"
+    mend = f"take it from git again, or delete it and make it with `{command}`"
+    recorded = read(Recorded, path, mend)
+    check_checksum(recorded, path, mend)
+    recorded.pop(CHECKSUM, None)
+    return recorded
 
 
 def result_path(root: Path, name: str) -> Path:
@@ -54,7 +121,7 @@ def write_result(root: Path, recorded: dict[str, Any]) -> Path:
     """Write data_samples/results/NAME.json below `root`, and return its path."""
     path = result_path(root, recorded["name"])
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_json(path, recorded, indent=1)
+    write_json(path, with_checksum(recorded), indent=1)
     return path
 
 
@@ -84,9 +151,21 @@ def measurements(
 # --- what a measurement was made from ---------------------------------------------------------------------
 
 
+def finished_manifest(data: Path) -> dict[str, Any]:
+    """Return the manifest of a data set that `generate` has finished.
+
+    Raises:
+        InputError: it is missing, broken or not finished.
+    """
+    manifest = require_manifest(data)
+    if "flights" not in manifest:
+        raise InputError(f"{data}: no finished data set; run generate, it resumes")
+    return manifest
+
+
 def describe(data: Path) -> dict[str, Any]:
     """Describe a data set as a recorded result names it."""
-    manifest = read_json(data / "manifest.json")
+    manifest = finished_manifest(data)
     settings, frames = manifest["settings"], manifest["frames"]
     return {
         "edition": edition_of(manifest),
@@ -124,7 +203,7 @@ def source_digest(weights: Path, data: Path) -> str:
 
     It covers these weights, these frames, and this version of `frame_errors`.
     """
-    frames = read_json(data / "manifest.json")["digest"]
+    frames = finished_manifest(data)["digest"]
     return f"{digest(weights.read_bytes())} on {frames}, measures {FORMAT}"
 
 

@@ -95,9 +95,7 @@ class Bench:
             InputError: It is of another edition, or was rendered with another stride or with other
                 environments.
         """
-        manifest = {}
-        if (self.data / "manifest.json").is_file():
-            manifest = read_json(self.data / "manifest.json")
+        manifest = folders.read_manifest(self.data)
         settings = manifest.get("settings", {})
         if manifest and folders.edition_of(manifest) != EDITION:
             raise InputError(
@@ -172,7 +170,7 @@ class Bench:
         """Return the number of frames of a split that a run sees, from the data set's plan alone."""
         left_out = self.names.index(run.without) if run.without else None
         count = 0
-        manifest = read_json(self.data / "manifest.json")
+        manifest = folders.require_manifest(self.data)
         edition = folders.edition_of(manifest)
         for flight, frames in manifest["planned"].items():
             drone = folders.drone_of(flight, edition)
@@ -232,7 +230,7 @@ class Bench:
             "backbone_digest": weights_digest(model),
         }
         settings = run_settings(run.method, model, training, data)
-        check_settings(read_json(folder / CONFIG), settings, folder)
+        check_settings(read_json(folder / CONFIG, mend=f"remove {folder}"), settings, folder)
         return len(read_history(folder)) >= training.epochs
 
     def train(self, run: Run, seed: int) -> Path:
@@ -354,6 +352,20 @@ def backbone_record(settings: Settings) -> dict[str, str | None] | None:
 
 
 def read_history(folder: Path) -> list[dict[str, str]]:
-    """Read the rows of a run's metrics.csv."""
-    with open(folder / METRICS, newline="") as file:
-        return list(csv.DictReader(file))
+    """Read the rows of a run's metrics.csv.
+
+    Raises:
+        InputError: a line does not hold an epoch with its score and seconds.
+    """
+    path = folder / METRICS
+    with open(path, newline="", errors="replace") as file:
+        rows = list(csv.DictReader(file))
+    for number, row in enumerate(rows, 1):
+        try:
+            whole = int(row["epoch"]) == number and None not in row and None not in row.values()
+            float(row["score"]), float(row["seconds"])
+        except (KeyError, TypeError, ValueError):
+            whole = False
+        if not whole:
+            raise InputError(f"{path} line {number + 1}: not epoch {number}; remove {folder} and train again")
+    return rows

@@ -30,17 +30,32 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import Field
 
 from dronekeypp import files
 from dronekeypp.classes import DroneClass, check_hubs
 from dronekeypp.errors import InputError
+from dronekeypp.schema import Open, check
 from dronekeypp.sixdronesyn.annotation import MM, Frame
 from dronekeypp.sixdronesyn.frame_reader import SCENE_FILES, frames_from
 from dronekeypp.sixdronesyn.instances import one_value
 
 MODELS = "models"
+Above0 = Annotated[float, Field(gt=0)]
+MEND = "mend it, or generate it again"
 INVISIBLE = [-1, -1, -1, -1]  # BOP's bbox_obj of an object that is not in the picture
+
+
+class ModelInfo(Open):
+    """This is what models_info.json says of an object of any data set. `keypoints` are its hubs."""
+
+    name: str | None = None
+    label: str | None = None
+    diameter: Above0 | None = None
+    propeller_diameter: Above0 | None = None
+    keypoints: list[Any] | None = None
 
 
 def read_json(path: str | Path) -> Any:
@@ -52,7 +67,7 @@ def read_json(path: str | Path) -> Any:
     missing = "missing; is this a data set, and did `python -m dronekeypp generate` finish it?"
     if Path(path).name in SCENE_FILES:
         missing = f"missing; a flight has {', '.join(SCENE_FILES)}"
-    return files.read_json(path, missing, "mend it, or generate it again")
+    return files.read_json(path, missing, MEND)
 
 
 def write_flight(folder: Path, frames: Mapping[int, tuple[dict, dict, dict]], flight: dict) -> None:
@@ -79,21 +94,37 @@ def read_flight(
     size: tuple[int, int] | None = None,
     strict: bool = True,
 ) -> tuple[list[Frame], dict[str, Any]]:
-    """Read all frames of one flight folder, in order, and its flight.json ({} where there is none).
+    """Read all frames of one flight folder of any data set, in order, and its flight.json ({} without one).
+
+    The arguments and errors are those of `frames_of`. Digests are not checked, see `flight_file`.
+    """
+    folder = Path(folder)
+    flight = read_json(folder / "flight.json") if (folder / "flight.json").is_file() else {}
+    return frames_of(folder, read_entries(folder), models, size, strict), flight
+
+
+def frames_of(
+    folder: Path,
+    entries: Mapping[int, tuple[dict | None, list[dict], list[dict]]],
+    models: Mapping[int, DroneClass] | None = None,
+    size: tuple[int, int] | None = None,
+    strict: bool = True,
+) -> list[Frame]:
+    """Make frames of what `read_entries` returns of a flight.
 
     A drone that BOP marks as not in the picture is left out.
 
     Args:
-        folder: of the flight.
+        folder: of the flight, for messages.
+        entries: what the three files say of each frame.
         models, size: as in `frames_from`.
         strict: whether every frame must hold a drone. Elsewhere a frame without one is left out.
 
     Raises:
         InputError: naming the file and the frame, see `frames_from`.
     """
-    folder = Path(folder)
     rows = []
-    for number, (camera, truths, infos) in read_entries(folder).items():
+    for number, (camera, truths, infos) in entries.items():
         if not strict and not truths and not infos:
             continue
         for name, part in zip(SCENE_FILES, (camera, truths, infos), strict=True):
@@ -107,9 +138,7 @@ def read_flight(
         for truth, info in zip(truths, infos, strict=True):
             if info.get("bbox_obj") != INVISIBLE:
                 rows.append((number, camera, truth, info))
-    flight = read_json(folder / "flight.json") if (folder / "flight.json").is_file() else {}
-    frames = frames_from(folder, rows, models, size) if rows else []
-    return frames, flight
+    return frames_from(folder, rows, models, size) if rows else []
 
 
 def read_entries(folder: Path) -> dict[int, tuple[dict | None, list[dict], list[dict]]]:
@@ -170,16 +199,15 @@ def read_models(root: str | Path) -> dict[int, DroneClass]:
         return {}
     models = {}
     for number, entry in sorted(_read_table(path, "objects").items()):
-        if not isinstance(entry, dict):
-            entry = {}
+        where = f"{path} object {number}"
+        check(ModelInfo, entry, where, MEND)
         hubs = None
         if entry.get("keypoints") is not None:
-            where = f"{path} object {number}: keypoints"
-            hubs = one_value(entry, "keypoints", 12, f"{path} object {number}").reshape(4, 3) / MM
-            check_hubs(hubs, where)
-        name = str(entry.get("name") or f"object {number}")
+            hubs = one_value(entry, "keypoints", 12, where).reshape(4, 3) / MM
+            check_hubs(hubs, f"{where}: keypoints")
+        name = entry.get("name") or f"object {number}"
         for other, drone in models.items():
             if drone.name == name:
                 raise InputError(f"{path}: objects {other} and {number} are both called {name}")
-        models[number] = DroneClass(name, hubs, str(entry.get("label") or name))
+        models[number] = DroneClass(name, hubs, entry.get("label") or name)
     return models

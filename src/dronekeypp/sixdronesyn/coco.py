@@ -13,6 +13,8 @@ measure. We take that of an eye for all four, as a motor is as clearly bounded. 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +28,8 @@ from dronekeypp.errors import InputError
 from dronekeypp.sixdronesyn import bop, depth_files
 from dronekeypp.sixdronesyn.annotation import MM, numbers
 from dronekeypp.sixdronesyn.drones import KEYPOINT_NAMES
-from dronekeypp.sixdronesyn.folders import read_digests, read_image
+from dronekeypp.sixdronesyn.flight_file import read_own_flight
+from dronekeypp.sixdronesyn.folders import read_image
 from dronekeypp.sixdronesyn.instances import one_value
 from dronekeypp.sixdronesyn.ply import read_points
 from dronekeypp.sixdronesyn.scenes import HEIGHT, WIDTH
@@ -52,36 +55,71 @@ def coco(root: str | Path, split: str, settings: dict[str, Any]) -> dict[str, An
         InputError: a file of the models, an annotation or a mask is missing or broken.
     """
     root = Path(root)
-    size = settings["size"]
-    width, height = size or WIDTH, size or HEIGHT
     models = _read_models(root)
     outlines: dict[int, np.ndarray] = {}
     images, annotations = [], []
-    for folder in bop.flight_folders(root, split):
-        frames, about = bop.read_flight(folder, models)
-        digests = read_digests(folder / "flight.json", about, 1 + len(depth_files.paths(root, 0, settings)))
-        for frame in frames:
-            identity = int(folder.name) * 1000 + frame.number
-            name = bop.image_path(folder, frame.number).relative_to(root).as_posix()
-            images.append({"id": identity, "file_name": name, "width": width, "height": height, "license": 1})
-            if settings.get("masks"):
-                path = depth_files.paths(folder, frame.number, settings)[-1]
-                mask = read_image(path, _mask_digest(folder, digests, frame.number))[..., 0]
-                polygons, area = _traced(mask)
-            else:
-                if frame.obj_id not in outlines:
-                    outlines[frame.obj_id] = _extreme_points(root, frame.obj_id, models[frame.obj_id])
-                points = project(outlines[frame.obj_id] @ frame.R.T + frame.t, frame.K)
-                polygons, area = _convex(_in_image(points, frame, size), width, height)
-            note = _annotation(frame, identity, size, width, height)
-            annotations.append({**note, "area": round(area, 2), "segmentation": polygons})
+    for found in described_frames(root, split, settings):
+        frame, width, height = found.annotation, found.image["width"], found.image["height"]
+        if settings.get("masks"):
+            path = depth_files.paths(found.folder, frame.number, settings)[-1]
+            polygons, area = _traced(read_image(path, found.digests[-1])[..., 0])
+        else:
+            if frame.obj_id not in outlines:
+                outlines[frame.obj_id] = _extreme_points(root, frame.obj_id, models[frame.obj_id])
+            points = project(outlines[frame.obj_id] @ frame.R.T + frame.t, frame.K)
+            polygons, area = _convex(_in_image(points, frame, settings["size"]), width, height)
+        images.append(found.image)
+        annotations.append({**found.note, "area": round(area, 2), "segmentation": polygons})
     return {
         "info": _info(settings),
         "licenses": [_license(settings)],
         "images": images,
         "annotations": annotations,
-        "categories": [_category(number, drone) for number, drone in models.items()],
+        "categories": categories(root),
     }
+
+
+@dataclass(frozen=True)
+class DescribedFrame:
+    """This is what a COCO file says of a frame, but for the drone's outline.
+
+    Attributes:
+        folder: of its flight.
+        annotation: what the scene files say.
+        digests: of its picture, its annotation, and its depth image and masks.
+        image: its entry in `images`.
+        note: its entry in `annotations`.
+    """
+
+    folder: Path
+    annotation: bop.Frame
+    digests: list[str]
+    image: dict[str, Any]
+    note: dict[str, Any]
+
+
+def described_frames(root: Path, split: str, settings: dict[str, Any]) -> Iterator[DescribedFrame]:
+    """Return the frames of a split in the order of its COCO file. The arguments are those of `coco`.
+
+    Raises:
+        InputError: a file of the models or an annotation is missing or broken.
+    """
+    size = settings["size"]
+    width, height = size or WIDTH, size or HEIGHT
+    models = _read_models(root)
+    for folder in bop.flight_folders(root, split):
+        frames, about = read_own_flight(folder, models, 1 + len(depth_files.paths(root, 0, settings)))
+        for frame in frames:
+            identity = int(folder.name) * 1000 + frame.number
+            name = bop.image_path(folder, frame.number).relative_to(root).as_posix()
+            image = {"id": identity, "file_name": name, "width": width, "height": height, "license": 1}
+            note = _annotation(frame, identity, size, width, height)
+            yield DescribedFrame(folder, frame, about["digests"][str(frame.number)], image, note)
+
+
+def categories(root: Path) -> list[dict[str, Any]]:
+    """Return the categories of a data set: its drones."""
+    return [_category(number, drone) for number, drone in _read_models(root).items()]
 
 
 def _read_models(root: Path) -> dict[int, DroneClass]:
@@ -98,20 +136,6 @@ def _read_models(root: Path) -> dict[int, DroneClass]:
         if drone.hubs is None:
             raise InputError(f"{path} object {number}: the field keypoints is missing")
     return models
-
-
-def _mask_digest(folder: Path, digests: dict[str, list[str]], number: int) -> str:
-    """Return the digest of a frame's mask_visib/, which is the last that flight.json lists.
-
-    Raises:
-        InputError: flight.json has none of this frame.
-    """
-    if str(number) not in digests:
-        raise InputError(
-            f"{folder / 'flight.json'}: no digests of frame {number}; "
-            "delete its flight folder and run generate again"
-        )
-    return digests[str(number)][-1]
 
 
 def _info(settings: dict[str, Any]) -> dict[str, Any]:
@@ -181,7 +205,7 @@ def _extreme_points(root: Path, number: int, drone: DroneClass) -> np.ndarray:
     """
     mesh, info = root / bop.MODELS / f"obj_{number:06d}.ply", root / bop.MODELS / "models_info.json"
     points = read_points(mesh) / MM
-    entry = bop.read_json(info).get(str(number)) or {}
+    entry = bop.read_json(info)[str(number)]
     if entry.get("propeller_diameter") is not None:
         diameter = one_value(entry, "propeller_diameter", 1, f"{info} object {number}")[0]
         circle = np.stack([np.cos(DISC), np.sin(DISC), 0 * DISC], axis=1) * (diameter / MM / 2)

@@ -11,14 +11,14 @@ from typing import Any
 
 from dronekeypp.errors import InputError
 from dronekeypp.files import read_json, write_json
-from dronekeypp.sixdronesyn import bop, frame_log, quadrotors, scenes
-from dronekeypp.sixdronesyn.drones import SEVEN
+from dronekeypp.sixdronesyn import bop, frame_log, scenes
+from dronekeypp.sixdronesyn.folders import drone_names
 
 PARTIAL = ".partial"  # below the data set: flights that are not finished
 MOST_NAMED = 5  # flights in a message
 
 
-def drawn_flights(root: Path, settings: Mapping[str, Any]) -> dict[Path, scenes.Subsequence]:
+def drawn_flights(root: Path, settings: dict[str, Any]) -> dict[Path, scenes.Subsequence]:
     """Return the flights of which a frame at least is drawn, by their folders: finished ones, and others.
 
     Args:
@@ -33,9 +33,7 @@ def drawn_flights(root: Path, settings: Mapping[str, Any]) -> dict[Path, scenes.
         begun = log.is_file() and log.stat().st_size
         if begun or (folder / "flight.json").is_file():  # the list goes before the folder gets its name
             folders.append(folder)
-    names = [*SEVEN, *settings.get("own_drones", {})]
-    if settings["quadrotors"]:
-        names = [quadrotors.name_of(number) for number in range(*settings["quadrotors"])]
+    names = drone_names(settings)
     flights = {}
     for folder in folders:
         place, take = divmod(int(folder.name), 10)

@@ -7,7 +7,6 @@ goes on.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -22,6 +21,8 @@ from dronekeypp.files import append_to, digest, make_folder, remove_unfinished, 
 from dronekeypp.sixdronesyn import bop, depth, depth_files, frame_log, scenes
 from dronekeypp.sixdronesyn.compositing import directions, draw_crop, draw_frame, window_around
 from dronekeypp.sixdronesyn.drones import Drone
+from dronekeypp.sixdronesyn.flight_file import NAME as FLIGHT_FILE
+from dronekeypp.sixdronesyn.flight_file import frame_digest
 from dronekeypp.sixdronesyn.frame_log import Finished
 from dronekeypp.sixdronesyn.frame_reader import SCENE_FILES
 from dronekeypp.sixdronesyn.meshes import drone_mesh
@@ -210,22 +211,6 @@ def _outline(drone: Drone) -> np.ndarray:
 # --- to disk ----------------------------------------------------------------------------------------------
 
 
-def annotation_digest(entry: Any) -> str:
-    """Return the digest of anything JSON can hold."""
-    return digest(json.dumps(entry, separators=(",", ":")).encode())
-
-
-def frame_digest(entry: tuple[dict, dict, dict]) -> str:
-    """Return the digest of a frame's (camera, truth, info).
-
-    What is counted in its masks does not belong to it: that follows from the renderer, the rest does not.
-    """
-    camera, truth, info = entry
-    if "px_count_all" in info:
-        info = {key: value for key, value in info.items() if key not in depth_files.counts(0, 0)}
-    return annotation_digest((camera, truth, info))
-
-
 def render_flight(
     root: str | Path,
     subsequence: scenes.Subsequence,
@@ -284,7 +269,7 @@ def render_flight(
 
 def _remove_unfinished(partial: Path, settings: dict[str, Any], numbers: Iterable[int]) -> None:
     """Remove what a kill has left of the files of an unfinished flight."""
-    remove_unfinished(partial, (frame_log.NAME, *SCENE_FILES, "flight.json"))
+    remove_unfinished(partial, (frame_log.NAME, *SCENE_FILES, FLIGHT_FILE))
     names: dict[Path, set[str]] = {}
     for number in numbers:
         for path in (bop.image_path(partial, number), *depth_files.paths(partial, number, settings)):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import cv2
@@ -11,8 +11,9 @@ import numpy as np
 from dronekeypp import files
 from dronekeypp.classes import DroneClass
 from dronekeypp.errors import InputError
-from dronekeypp.sixdronesyn import bop, scenes
-from dronekeypp.sixdronesyn.manifest_check import OLDER, check_manifest
+from dronekeypp.sixdronesyn import bop, quadrotors, scenes
+from dronekeypp.sixdronesyn.flight_file import MEND
+from dronekeypp.sixdronesyn.manifest_check import NAME, OLDER, check_manifest
 
 CAMERA = "camera.json"  # of a data set: width and height of its frames, where it is there
 IMAGES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
@@ -47,7 +48,7 @@ def find_flights(root: Path, split: str, manifest: dict[str, Any]) -> dict[Path,
 def read_manifest(root: Path) -> dict[str, Any]:
     """Return the manifest of 6DroneSyn, or {} for a folder without one.
 
-    A manifest.json without a plan is somebody else's, and none of 6DroneSyn.
+    A manifest.json without a plan and of another name is somebody else's.
 
     Raises:
         InputError: manifest.json holds something else, see `check_manifest`.
@@ -58,9 +59,24 @@ def read_manifest(root: Path) -> dict[str, Any]:
     manifest = bop.read_json(path)
     if not isinstance(manifest, dict):
         raise InputError(f"{path}: not a data set's manifest; mend it, or generate it in another folder")
-    if "planned" not in manifest:
+    if "planned" not in manifest and manifest.get("name") != NAME:
         return {}
     check_manifest(path, manifest)
+    return manifest
+
+
+def require_manifest(root: Path) -> dict[str, Any]:
+    """Return the manifest of a data set of 6DroneSyn.
+
+    Raises:
+        InputError: the folder has none, or a broken one.
+    """
+    manifest = read_manifest(root)
+    if not manifest:
+        raise InputError(
+            f"{root / 'manifest.json'}: missing, or not the manifest of 6DroneSyn; "
+            "is this a data set of `python -m dronekeypp generate`?"
+        )
     return manifest
 
 
@@ -101,6 +117,58 @@ def _parts(name: str, edition: int) -> tuple[int, int]:
     return divmod(int(name) // 10, scenes.MOST_DRONES[edition])
 
 
+def drone_names(settings: dict[str, Any]) -> tuple[str, ...]:
+    """Return the names of the drones of a data set with these settings; names[i] is object i + 1."""
+    if settings.get("quadrotors"):
+        return tuple(quadrotors.name_of(number) for number in range(*settings["quadrotors"]))
+    return (*scenes.SEVEN, *settings.get("own_drones", {}))
+
+
+def read_models(root: Path, manifest: dict[str, Any]) -> dict[int, DroneClass]:
+    """Return the drones of any data set by object number.
+
+    Args:
+        root: of the data set.
+        manifest: that of 6DroneSyn, or {}. Where `generate` has finished, its drones must all be there.
+
+    Raises:
+        InputError: models_info.json is broken, or its objects are not the drones of the manifest.
+    """
+    models = bop.read_models(root)
+    if "flights" not in manifest:
+        return models
+    path = root / bop.MODELS / "models_info.json"
+    mend = "delete it and run generate again, it writes what is missing"
+    if not models:
+        raise InputError(f"{path}: missing; run generate again, it writes what is missing")
+    names = drone_names(manifest["settings"])
+    for number in sorted({*models, *range(1, len(names) + 1)}):
+        name = names[number - 1] if 1 <= number <= len(names) else None
+        if number not in models or models[number].name != name:
+            there = models[number].name if number in models else None
+            raise InputError(f"{path}: object {number} is {there}, the manifest has {name}; {mend}")
+        if models[number].hubs is None:
+            raise InputError(f"{path} object {number}: the field keypoints is missing; {mend}")
+    return models
+
+
+def check_flight(folder: Path, about: dict[str, Any], manifest: dict[str, Any]) -> None:
+    """Check that flight.json is that of its folder and of its data set.
+
+    Args:
+        folder: of the flight.
+        about: what its flight.json holds.
+        manifest: that of the data set.
+
+    Raises:
+        InputError: it is not; the message names the field.
+    """
+    scene = _parts(folder.name, edition_of(manifest))[0]
+    for key, expected in (("scene", scene), ("seed", manifest["settings"]["seed"])):
+        if about[key] != expected:
+            raise InputError(f"{folder / 'flight.json'}: {key} is {about[key]}, not {expected}; {MEND}")
+
+
 def read_list(path: Path) -> dict[Path, set[int] | None]:
     """Return the flights that a list of a split names, and which of their frames (None: all).
 
@@ -116,6 +184,8 @@ def read_list(path: Path) -> dict[Path, set[int] | None]:
         line = text.strip().rstrip("/")
         if not line or line.startswith("#"):
             continue
+        if Path(line).is_absolute() or ".." in PurePosixPath(line.replace("\\", "/")).parts:
+            raise InputError(f"{path} line {number}: {line!r} leads out of the data set's folder")
         folder, frame = path.parent / line, None
         if not (folder / bop.SCENE_FILES[0]).is_file() and Path(line).stem.isdecimal():
             folder, frame = folder.parent, int(Path(line).stem)
@@ -153,46 +223,6 @@ def unnamed_objects(root: Path) -> dict[int, DroneClass]:
                 if type(truth.get("obj_id")) is int:
                     numbers.add(truth["obj_id"])
     return {number: DroneClass(f"object {number}") for number in sorted(numbers)}
-
-
-def flight_facts(folder: Path, flight: dict[str, Any]) -> tuple[int, dict[int, str]]:
-    """Return the scene of a flight of 6DroneSyn, and the digest of each picture by frame number.
-
-    Raises:
-        InputError: flight.json holds something else.
-    """
-    try:
-        digests = {int(number): pair[0] for number, pair in flight["digests"].items()}
-        scene = flight["scene"]
-        if type(scene) is not int:
-            raise TypeError(f"{scene!r} is no number of a scene")
-        return scene, digests
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError):
-        raise InputError(
-            f"{folder / 'flight.json'}: no scene and digests; generate this flight again"
-        ) from None
-
-
-def read_digests(path: Path, about: Any, files: int) -> dict[str, list[str]]:
-    """Return {frame: digests of its image, of its annotation, of its other images} of a flight.json.
-
-    Args:
-        path: of flight.json, for the message.
-        about: what it holds.
-        files: how many images a frame has.
-
-    Raises:
-        InputError: the file has no digests.
-    """
-    digests = about.get("digests") if isinstance(about, dict) else None
-    sound = isinstance(digests, dict)
-    if sound:
-        for number, values in digests.items():
-            sound = sound and number.isdecimal() and isinstance(values, list) and len(values) == 1 + files
-            sound = sound and all(isinstance(value, str) for value in values)
-    if not sound:
-        raise InputError(f"{path}: no digests; delete its flight folder and run generate again")
-    return digests
 
 
 def frame_size(root: Path, folder: Path, images: dict[int, Path]) -> tuple[int, int]:

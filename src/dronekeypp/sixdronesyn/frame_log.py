@@ -71,13 +71,13 @@ def read(folder: Path, settings: dict[str, Any]) -> dict[int, Finished]:
     return done
 
 
-def _entry(text: bytes, masks: bool) -> tuple[int, Finished] | None:
+def _entry(line_read: bytes, masks: bool) -> tuple[int, Finished] | None:
     """Return the frame's number and what a line says of it, or None if the line is torn.
 
     `masks` says whether the data set has masks, whose pixels are counted.
     """
     try:
-        number, image, *more = json.loads(text)
+        number, image, *more = json.loads(line_read)
         others, pixels = more or ((), None)
         others = tuple(others)
         counts = None if pixels is None else tuple(pixels)
@@ -85,7 +85,7 @@ def _entry(text: bytes, masks: bool) -> tuple[int, Finished] | None:
         return None
     if type(number) is not int or not 0 <= number < MOST_FRAMES:
         return None
-    if (counts is not None) != masks:
+    if (counts is not None) != masks or not all(isinstance(text, str) for text in (image, *others)):
         return None
     if counts is not None and [type(count) for count in counts] != [int, int]:
         return None

@@ -27,7 +27,8 @@ from dronekeypp.files import digest
 from dronekeypp.processes import end_with_parent, total_memory
 from dronekeypp.sixdronesyn import scenes
 from dronekeypp.sixdronesyn.drones import EDITION, EDITIONS
-from dronekeypp.sixdronesyn.flight import Flight, annotation_digest, render_flight
+from dronekeypp.sixdronesyn.flight import Flight, render_flight
+from dronekeypp.sixdronesyn.flight_file import annotation_digest
 from dronekeypp.sixdronesyn.manifest import check_root, drawing, finish, lock, start_manifest
 from dronekeypp.sixdronesyn.manifest_check import KINDS
 from dronekeypp.sixdronesyn.meshes import drone_mesh

@@ -24,13 +24,13 @@ from filelock import FileLock
 from dronekeypp import __version__
 from dronekeypp.errors import InputError
 from dronekeypp.files import LOCK, digest, lock_file, remove_unfinished, write_json
-from dronekeypp.sixdronesyn import bop, depth_files, quadrotors, scenes
+from dronekeypp.sixdronesyn import bop, depth_files, scenes
 from dronekeypp.sixdronesyn.coco import coco
 from dronekeypp.sixdronesyn.drawn import PARTIAL, check_panoramas, drawn_flights, flights_of, forget_model
 from dronekeypp.sixdronesyn.drones import EDITIONS, SEVEN
-from dronekeypp.sixdronesyn.flight import annotation_digest
-from dronekeypp.sixdronesyn.folders import read_digests, read_manifest
-from dronekeypp.sixdronesyn.manifest_check import OLDER
+from dronekeypp.sixdronesyn.flight_file import annotation_digest, read_flight_file
+from dronekeypp.sixdronesyn.folders import check_flight, drone_names, read_manifest
+from dronekeypp.sixdronesyn.manifest_check import NAME, OLDER
 from dronekeypp.sixdronesyn.models import write_models
 from dronekeypp.sixdronesyn.own import VARIABLE
 from dronekeypp.sixdronesyn.targets import NAME as TARGETS
@@ -134,7 +134,7 @@ def start_manifest(
     if _versions() not in versions:
         versions.append(_versions())
     manifest = {
-        "name": "6DroneSyn",
+        "name": NAME,
         "settings": settings,
         "versions": versions,
         "planned": dict(sorted(planned.items())),
@@ -227,19 +227,16 @@ def _finish(root: Path) -> dict[str, Any]:
     """Do the work of `finish` while it holds the folder."""
     manifest = read_manifest(root)
     settings = {**OLDER, **manifest["settings"]}
-    files = 1 + len(depth_files.paths(root, 0, settings))
+    images = 1 + len(depth_files.paths(root, 0, settings))
     flights = {}
     for split in scenes.SPLITS:
         for folder in bop.flight_folders(root, split):
-            path = folder / "flight.json"
-            digests = read_digests(path, bop.read_json(path), files)
-            flights[folder.name] = {"split": split, "digests": digests}
+            about = read_flight_file(folder, images)
+            check_flight(folder, about, manifest)
+            flights[folder.name] = {"split": split, "digests": about["digests"]}
     manifest.update(totals(manifest["planned"], flights))
     manifest["flights"] = dict(sorted(flights.items()))
-    names = (*SEVEN, *settings["own_drones"])
-    if settings["quadrotors"]:
-        names = tuple(quadrotors.name_of(number) for number in range(*settings["quadrotors"]))
-    write_models(root, names, settings["edition"])
+    write_models(root, drone_names(settings), settings["edition"])
     for split in scenes.SPLITS:
         if manifest["frames"][split]:
             write_json(root / f"coco_{split}.json", coco(root, split, settings))

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, Self, get_args
+
+from pydantic import Field, model_validator
 
 from dronekeypp.errors import InputError
-from dronekeypp.sixdronesyn.plan import MOST_DRONES, SPLITS
+from dronekeypp.schema import Count, Digest, FlightName, FrameNumber, Length, Schema, Words, check
+from dronekeypp.sixdronesyn.plan import MOST_DRONES
 
-KINDS = ("crop", "full")  # of frames
+NAME = "6DroneSyn"
+Split = Literal["train", "val", "test"]
+FrameKind = Literal["crop", "full"]
+KINDS = get_args(FrameKind)
+MEND = "mend it, or generate the data set in another folder"
 # What the settings of older manifests lack.
 OLDER: dict[str, Any] = {
     "edition": 1,
@@ -20,6 +26,65 @@ OLDER: dict[str, Any] = {
 }
 
 
+class Settings(Schema):
+    """This is what a data set was asked for."""
+
+    version: str
+    edition: int
+    quadrotors: Annotated[list[Count], Field(min_length=2, max_length=2)] | None
+    seed: Count
+    frames: FrameKind
+    size: Length | None
+    stride: Length
+    depth: bool
+    masks: bool
+    environments: str
+    environment_digests: Words
+    own_drones: Words
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.size is None) != (self.frames == "full"):
+            raise ValueError(f"size {self.size!r} of {self.frames} frames")
+        if self.quadrotors and self.quadrotors[0] >= self.quadrotors[1]:
+            raise ValueError(f"quadrotors {self.quadrotors!r} are no range")
+        return self
+
+
+class ListedFlight(Schema):
+    """This is what the manifest says of a finished flight, see `manifest.totals`."""
+
+    split: Split
+    digests: dict[FrameNumber, list[Digest]]
+
+
+# What `generate` adds to a manifest at its end.
+FINISHED = ("planned_frames", "frames", "digest", "annotation_digest", "flights")
+
+
+class Manifest(Schema):
+    """This is a manifest.json. Of what `generate` adds at its end all is there, or nothing."""
+
+    name: Literal["6DroneSyn"] = NAME
+    settings: Settings
+    versions: list[Words] = []
+    planned: dict[FlightName, Count]
+    planned_frames: Count = Field(default=None)
+    frames: dict[Split, Count] = Field(default=None)
+    digest: Digest = Field(default=None)
+    annotation_digest: Digest = Field(default=None)
+    flights: dict[FlightName, ListedFlight] = Field(default=None)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        missing = [key for key in FINISHED if key not in self.model_fields_set]
+        if missing and len(missing) < len(FINISHED):
+            raise ValueError(f"the field {missing[0]} is missing")
+        if not missing and set(self.frames) != set(get_args(Split)):
+            raise ValueError("frames are not those of train, val and test")
+        return self
+
+
 def check_manifest(path: Path, manifest: dict[str, Any]) -> None:
     """Check the settings, the plan, and what is listed of the flights.
 
@@ -28,86 +93,16 @@ def check_manifest(path: Path, manifest: dict[str, Any]) -> None:
         manifest: what it holds.
 
     Raises:
-        InputError: the edition is unknown, or a field is missing or of another kind.
+        InputError: the edition is unknown, or a field is missing, unknown or of another kind.
     """
     settings = manifest.get("settings")
-    if not isinstance(settings, dict):
-        raise _broken(path, "no settings")
-    settings = {**OLDER, **settings}
-    edition = settings["edition"]
-    if type(edition) is not int or edition not in MOST_DRONES:
-        known = " and ".join(str(number) for number in MOST_DRONES)
-        raise InputError(f"{path}: edition {edition!r} is unknown; this version of dronekeypp knows {known}")
-    for key, is_right in _SETTINGS.items():
-        if not is_right(settings.get(key)):
-            raise _broken(path, f"no {key}" if key not in settings else f"{key} {settings[key]!r}")
-    if (settings["size"] is None) != (settings["frames"] == "full"):
-        raise _broken(path, f"size {settings['size']!r} of {settings['frames']} frames")
-    if not _is_table(manifest.get("planned"), _is_count):
-        raise _broken(path, "no plan of flights and their numbers of frames")
-    if not isinstance(manifest.get("versions", []), list):
-        raise _broken(path, "versions that are no list")
-    if not _is_table(manifest.get("frames", {}), _is_count):
-        raise _broken(path, "frames that are no numbers")
-    if not _is_table(manifest.get("flights", {}), _is_flight):
-        raise _broken(path, "a flight without split and digests")
-
-
-def _broken(path: Path, what: str) -> InputError:
-    return InputError(
-        f"{path}: not a data set's manifest: {what}; mend it, or generate the data set in another folder"
-    )
-
-
-def _is_count(value: Any) -> bool:
-    return type(value) is int and value >= 0
-
-
-def _is_length(value: Any) -> bool:
-    return type(value) is int and value >= 1
-
-
-def _is_text(value: Any) -> bool:
-    return isinstance(value, str)
-
-
-def _is_flag(value: Any) -> bool:
-    return isinstance(value, bool)
-
-
-def _is_table(value: Any, is_right: Callable[[Any], bool]) -> bool:
-    return isinstance(value, dict) and all(is_right(entry) for entry in value.values())
-
-
-def _is_table_of_texts(value: Any) -> bool:
-    return _is_table(value, _is_text)
-
-
-def _is_flight(value: Any) -> bool:
-    """Tell whether this is what `manifest.totals` says of a flight."""
-    if not isinstance(value, dict) or value.get("split") not in SPLITS:
-        return False
-    digests = value.get("digests")
-    return isinstance(digests, dict) and all(number.isdecimal() for number in digests)
-
-
-def _is_range(value: Any) -> bool:
-    """Tell whether this is a range of random quadrotors, or None."""
-    if value is None:
-        return True
-    return isinstance(value, list) and len(value) == 2 and all(map(_is_count, value)) and value[0] < value[1]
-
-
-_SETTINGS: dict[str, Callable[[Any], bool]] = {
-    "version": _is_text,
-    "quadrotors": _is_range,
-    "seed": _is_count,
-    "frames": lambda value: value in KINDS,
-    "size": lambda value: value is None or _is_length(value),
-    "stride": _is_length,
-    "depth": _is_flag,
-    "masks": _is_flag,
-    "environments": _is_text,
-    "environment_digests": _is_table_of_texts,
-    "own_drones": _is_table_of_texts,
-}
+    if isinstance(settings, dict):
+        settings = {**OLDER, **settings}
+        edition = settings["edition"]
+        if type(edition) is not int or edition not in MOST_DRONES:
+            known = " and ".join(str(number) for number in MOST_DRONES)
+            raise InputError(
+                f"{path}: edition {edition!r} is unknown; this version of dronekeypp knows {known}"
+            )
+        manifest = {**manifest, "settings": settings}
+    check(Manifest, manifest, f"{path}: not a data set's manifest", MEND)

@@ -20,6 +20,7 @@ from dronekeypp.files import make_folder, remove_unfinished, write_beside, write
 from dronekeypp.sixdronesyn import bop
 from dronekeypp.sixdronesyn.annotation import MM, numbers
 from dronekeypp.sixdronesyn.drones import Drone, find_drone
+from dronekeypp.sixdronesyn.mesh_files import check_mesh
 from dronekeypp.sixdronesyn.meshes import drone_mesh
 from dronekeypp.sixdronesyn.own import VARIABLE
 
@@ -28,7 +29,7 @@ EVAL_TRIANGLES = 4500  # about 2,300 points; the seven then change by 1 mm at mo
 
 
 def write_models(root: Path, names: Sequence[str], edition: int) -> None:
-    """Write what is missing of models/ and models_eval/, where the drone names[i] is object i + 1.
+    """Write what is missing or torn of models/ and models_eval/, where the drone names[i] is object i + 1.
 
     What the models_info.json of models/ holds already stays, so a drone of somebody's own need not be known
     here, unless one of its meshes is missing. The first edition has no models_eval/.
@@ -45,14 +46,18 @@ def write_models(root: Path, names: Sequence[str], edition: int) -> None:
     info = bop.read_json(path) if path.is_file() else {}
     if not isinstance(info, dict):
         raise InputError(f"{path}: not a table of objects; delete it and run generate again")
-    known = ["models_info.json", *(f"obj_{number:06d}.ply" for number in range(1, len(names) + 1))]
+    known = ["models_info.json"]
+    for number in range(1, len(names) + 1):
+        known.append(mesh_path(Path(), number).name)
     for folder in folders:
         make_folder(folder)
         remove_unfinished(folder, known)
     missing = []
     for number in range(1, len(names) + 1):
-        meshes = [folder / f"obj_{number:06d}.ply" for folder in folders]
-        if str(number) not in info or not all(mesh.is_file() for mesh in meshes):
+        meshes = [mesh_path(folder, number) for folder in folders]
+        entry = info.get(str(number))
+        described = isinstance(entry, dict) and entry.get("name") == names[number - 1]
+        if not described or not all(is_whole(mesh) for mesh in meshes):
             missing.append(number)
     for number in missing:
         name = names[number - 1]
@@ -63,17 +68,30 @@ def write_models(root: Path, names: Sequence[str], edition: int) -> None:
                 f"{root}: it holds a drone {name}: set {VARIABLE} to the folder with its file"
             ) from None
         body = drone_mesh(drone).body
-        mesh_name = f"obj_{number:06d}.ply"
         if edition == 1:
-            _write_first_edition(folders[0] / mesh_name, body)
+            _write_first_edition(mesh_path(folders[0], number), body)
         else:
-            write_ply(folders[0] / mesh_name, body)
-            write_ply(folders[1] / mesh_name, simplified(body))
+            write_ply(mesh_path(folders[0], number), body)
+            write_ply(mesh_path(folders[1], number), simplified(body))
         info[str(number)] = model_info(drone)
     for folder in reversed(folders):
         path = folder / "models_info.json"
         if not _holds(path, info):
             write_json(path, info, indent=1)
+
+
+def mesh_path(folder: Path, number: int) -> Path:
+    """Return the mesh of an object in models/ or models_eval/."""
+    return folder / f"obj_{number:06d}.ply"
+
+
+def is_whole(mesh: Path) -> bool:
+    """Tell whether a mesh is there and all of it can be read."""
+    try:
+        check_mesh(mesh)
+    except InputError:
+        return False
+    return True
 
 
 def _holds(path: Path, info: dict[str, Any]) -> bool:
@@ -133,6 +151,7 @@ def _write_first_edition(path: Path, mesh: pv.PolyData) -> None:
     body.point_data["rgb"] = mesh.point_data["rgb"]
     with writing_beside(path) as beside:
         body.save(beside, texture="rgb", recompute_normals=False)
+        check_mesh(beside)  # VTK says nothing of a full disk
 
 
 def model_info(drone: Drone) -> dict[str, Any]:

@@ -22,19 +22,20 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import Field
 
-from dronekeypp import classes
+from dronekeypp import classes, schema
 from dronekeypp.classes import LARGEST, SYMMETRY, DroneClass
 from dronekeypp.errors import InputError
-from dronekeypp.files import digest, read_json
+from dronekeypp.files import digest
 from dronekeypp.pnp import check_coplanar
+from dronekeypp.schema import Name, Point, Schema
 from dronekeypp.sixdronesyn import quadrotors
 
 VARIABLE = "DRONEKEYPP_DRONES"
-NEEDED = ("name", "mesh", "hubs", "propeller_diameter", "mass")
 UNITS = {"m": 1.0, "mm": 1e-3}
 DEFAULTS: dict[str, Any] = {
     "mesh_unit": "m",
@@ -44,10 +45,28 @@ DEFAULTS: dict[str, Any] = {
     "propeller_rgb": (60, 60, 64),
     "tip_rgb": (60, 60, 64),
 }
-OPTIONAL = (*DEFAULTS, "label", "body_mm")
+Colour = Annotated[list[Annotated[int, Field(ge=0, le=255)]], Field(min_length=3, max_length=3)]
 COLOURS = ("hull_rgb", "trim_rgb", "propeller_rgb", "tip_rgb")
 # A propeller's diameter over the distance of neighbouring hubs; above 1 discs overlap, at two heights.
 MOST_OVERLAP = 1.5
+
+
+class OwnDrone(Schema):
+    """This is a NAME.json; the docstring of the module says what its fields are."""
+
+    name: Name
+    mesh: Name
+    hubs: Annotated[list[Point], Field(min_length=4, max_length=4)]
+    propeller_diameter: float
+    mass: float
+    label: str = ""
+    mesh_unit: Literal["m", "mm"] = "m"
+    motor_radius: float = 0
+    body_mm: Point | None = None
+    hull_rgb: Colour = []
+    trim_rgb: Colour = []
+    propeller_rgb: Colour = []
+    tip_rgb: Colour = []
 
 
 def read(taken: tuple[str, ...]) -> list[dict[str, Any]]:
@@ -83,41 +102,24 @@ def read_drone(path: Path) -> dict[str, Any]:
     Raises:
         InputError: a field is missing, unknown or impossible. The message names the file.
     """
-    given = read_json(path)
-    if not isinstance(given, dict):
-        raise InputError(f"{path}: not the fields of a drone but a {type(given).__name__}")
-    for key in NEEDED:
-        if key not in given:
-            raise InputError(f"{path}: lacks {key}")
-    for key in given:
-        if key not in (*NEEDED, *OPTIONAL):
-            raise InputError(f"{path}: unknown field {key}")
+    given = schema.read(OwnDrone, path)
     given = {**DEFAULTS, "label": given["name"], **given}
-    if not (isinstance(given["name"], str) and given["name"].isalnum()):
+    if not given["name"].isalnum():
         raise InputError(f"{path}: name {given['name']!r}: letters and digits only")
     if quadrotors.number_of(given["name"]) is not None:
         raise InputError(f"{path}: name {given['name']!r}: that is a random quadrotor's; choose another name")
-    if str(given["mesh_unit"]) not in UNITS:
-        raise InputError(f"{path}: mesh_unit {given['mesh_unit']!r}: m or mm")
-    mesh = path.parent / str(given["mesh"])
+    mesh = path.parent / given["mesh"]
     if not mesh.is_file():
         raise InputError(f"{path}: mesh {mesh} not found")
-    try:
-        hubs = np.array(given["hubs"], dtype=float)
-        check_hubs(path, hubs)
-        diameter = _number(path, "propeller_diameter", given["propeller_diameter"])
-        mass = _number(path, "mass", given["mass"])
-        motor = _number(path, "motor_radius", given["motor_radius"])
-        colours = {key: tuple(_whole_number(path, key, v) for v in given[key]) for key in COLOURS}
-        if given.get("body_mm") is None:
-            body = tuple(float(v) for v in 1000 * np.ptp(hubs, axis=0) + 20)
-        else:
-            body = tuple(_number(path, "body_mm", v) for v in given["body_mm"])
-    except InputError:
-        raise
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"{path}: {error}") from None
-    possible = 0.01 < diameter < 1 and 0.01 < mass < 50 and 0 < motor < diameter / 2 and len(body) == 3
+    hubs = np.array(given["hubs"], dtype=float)
+    check_hubs(path, hubs)
+    diameter, mass, motor = (float(given[key]) for key in ("propeller_diameter", "mass", "motor_radius"))
+    colours = {key: tuple(given[key]) for key in COLOURS}
+    if given.get("body_mm") is None:
+        body = tuple(float(v) for v in 1000 * np.ptp(hubs, axis=0) + 20)
+    else:
+        body = tuple(float(v) for v in given["body_mm"])
+    possible = 0.01 < diameter < 1 and 0.01 < mass < 50 and 0 < motor < diameter / 2
     if not (possible and all(1 < v < 5000 for v in body)):
         raise InputError(
             f"{path}: propeller_diameter and motor_radius in metres, mass in kg, "
@@ -130,13 +132,10 @@ def read_drone(path: Path) -> dict[str, Any]:
             f"{path}: propeller_diameter {diameter:g} m, and two hubs are {least:.3g} m apart: "
             "the propellers are larger than the drone"
         )
-    for colour in colours.values():
-        if len(colour) != 3 or min(colour) < 0 or max(colour) > 255:
-            raise InputError(f"{path}: a colour is three numbers, 0 to 255")
     hubs.setflags(write=False)
     return {
         "name": given["name"],
-        "label": str(given["label"]),
+        "label": given["label"],
         "body_mm": body,
         "wheelbase": float(np.linalg.norm(hubs[0] - hubs[2])),
         "propeller_diameter": diameter,
@@ -148,24 +147,6 @@ def read_drone(path: Path) -> dict[str, Any]:
         "mesh_scale": UNITS[given["mesh_unit"]],
         "digest": digest(path.read_bytes() + mesh.read_bytes()),
     }
-
-
-def _number(path: Path, key: str, value: Any) -> float:
-    """Return a number of a file as float.
-
-    Raises:
-        InputError: it is text, a truth value, or no number at all.
-    """
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise InputError(f"{path}: {key}: {value!r} is no number")
-    return float(value)
-
-
-def _whole_number(path: Path, key: str, value: Any) -> int:
-    """Return a whole number of a file, or raise InputError."""
-    if type(value) is not int:
-        raise InputError(f"{path}: {key}: {value!r} is no whole number")
-    return value
 
 
 def check_hubs(path: Path, hubs: np.ndarray) -> None:

@@ -142,6 +142,13 @@ def _corners_of_rows(rows: Sequence[Sequence[float]], properties: Sequence[tuple
 
 def _corners_of_bytes(body: bytes, faces: int, properties: Sequence[tuple], order: str) -> list[np.ndarray]:
     """Return the points that each face names, from the bytes of all faces."""
+    if len(properties) == 1 and properties[0][0] in CORNERS and len(properties[0]) == 3:
+        _, length, entry = properties[0]
+        triangle = np.dtype([("count", order + length), ("corners", order + entry, 3)])
+        if len(body) >= faces * triangle.itemsize:
+            table = np.frombuffer(body, triangle, faces)
+            if (table["count"] == 3).all():  # as most meshes have them, and a thousand times quicker
+                return list(table["corners"].astype(int))
     corners, place = [], 0
     for _ in range(faces):
         found = None

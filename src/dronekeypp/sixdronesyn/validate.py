@@ -12,10 +12,19 @@ from tqdm import tqdm
 from dronekeypp.classes import DroneClass
 from dronekeypp.errors import InputError
 from dronekeypp.sixdronesyn import bop, depth_files, scenes, targets
-from dronekeypp.sixdronesyn.flight import frame_digest
-from dronekeypp.sixdronesyn.folders import edition_of, read_digests, read_image, read_manifest, split_of
+from dronekeypp.sixdronesyn.coco_check import coco_faults
+from dronekeypp.sixdronesyn.flight_file import CHANGED, frame_digest, read_flight_file
+from dronekeypp.sixdronesyn.folders import (
+    check_flight,
+    edition_of,
+    read_image,
+    read_models,
+    require_manifest,
+    split_of,
+)
 from dronekeypp.sixdronesyn.frame_checks import frame_faults, needed_fields
 from dronekeypp.sixdronesyn.manifest import totals
+from dronekeypp.sixdronesyn.model_check import model_faults
 from dronekeypp.sixdronesyn.models import FOLDERS as MODEL_FOLDERS
 
 
@@ -35,12 +44,7 @@ def validate(root: str | Path, progress: bool = False) -> list[str]:
         InputError: there is no readable manifest at all.
     """
     root = Path(root)
-    manifest = read_manifest(root)
-    if not manifest:
-        raise InputError(
-            f"{root / 'manifest.json'}: missing, or not the manifest of 6DroneSyn; "
-            "is this a data set of `python -m dronekeypp generate`?"
-        )
+    manifest = require_manifest(root)
     check = _Validation(root, manifest)
     check.plan()
     for split, folder in tqdm(check.flights, unit="flight", disable=None if progress else True):
@@ -49,6 +53,7 @@ def validate(root: str | Path, progress: bool = False) -> list[str]:
     check.totals()
     check.bop_scripts()
     check.coco()
+    check.meshes()
     return check.faults
 
 
@@ -76,14 +81,10 @@ class _Validation:
         A file that cannot be read is a fault. A missing one is a fault once generate has finished.
         """
         try:
-            models = bop.read_models(self.root)
+            return read_models(self.root, self.manifest)
         except InputError as error:
             self.faults.append(str(error))
             return {}
-        if not models and "flights" in self.manifest:
-            path = self.root / "models" / "models_info.json"
-            self.faults.append(f"{path}: missing; run generate again, it writes what is missing")
-        return models
 
     def plan(self) -> None:
         """Check that each planned flight is there once, and no other flight is.
@@ -114,12 +115,12 @@ class _Validation:
         """Check that the frames of a flight are those planned, and that each is sound."""
         try:
             entries = bop.read_entries(folder)
-            about = bop.read_json(folder / "flight.json")
-            digests = read_digests(folder / "flight.json", about, self._files_of_a_frame)
+            about = read_flight_file(folder, self._files_of_a_frame)
+            check_flight(folder, about, self.manifest)
         except InputError as error:
             self.faults.append(str(error))
             return
-        self.digests[folder.name] = digests
+        digests = self.digests[folder.name] = about["digests"]
         self.environments[split].add(str(about.get("environment")))
         planned = self.manifest["planned"].get(folder.name)
         stride = self.manifest["settings"]["stride"]
@@ -182,10 +183,7 @@ class _Validation:
         `entry` is the frame's (camera, truth, info).
         """
         if frame_digest(entry) != digest:
-            self.faults.append(
-                f"{folder} frame {number}: the annotation is not the one that was generated "
-                "(its digest differs)"
-            )
+            self.faults.append(f"{folder} frame {number}: {CHANGED}")
         for name, part, keys in zip(bop.SCENE_FILES, entry, needed_fields(self.manifest), strict=True):
             for key in keys:
                 if part.get(key) is None:
@@ -253,11 +251,6 @@ class _Validation:
         if edition_of(self.manifest) == 1 or "flights" not in self.manifest:
             return
         mend = "run generate again, it writes what is missing"
-        for folder in MODEL_FOLDERS:
-            for name in ("models_info.json", *(f"obj_{number:06d}.ply" for number in self.models)):
-                path = self.root / folder / name
-                if self.models and not path.is_file():
-                    self.faults.append(f"{path}: missing; {mend}")
         expected = targets.targets(self.manifest["flights"], edition_of(self.manifest))
         path = self.root / targets.NAME
         if not expected:
@@ -270,19 +263,16 @@ class _Validation:
         if listed != expected:
             self.faults.append(f"{path}: does not list the test pictures; {mend}")
 
+    def meshes(self) -> None:
+        """Check that every mesh is there and whole, and that models_info.json has its sizes."""
+        if self.models and "flights" in self.manifest:
+            folders = MODEL_FOLDERS[:1] if edition_of(self.manifest) == 1 else MODEL_FOLDERS
+            self.faults += model_faults(self.root, list(self.models), folders)
+
     def coco(self) -> None:
-        """Check that each COCO file lists as many images as the manifest counts."""
+        """Check each COCO file against the annotations. Where those are at fault, nothing is compared."""
+        if self.faults:
+            return
         for split, count in self.manifest.get("frames", {}).items():
-            path = self.root / f"coco_{split}.json"
-            if not count:
-                continue
-            try:
-                listed = len(bop.read_json(path)["images"])
-            except InputError as error:
-                self.faults.append(str(error))
-                continue
-            except (KeyError, TypeError):
-                self.faults.append(f"{path}: lists no images")
-                continue
-            if listed != count:
-                self.faults.append(f"{path}: lists {listed} images, the manifest {count}")
+            if count:
+                self.faults += coco_faults(self.root, split, self.manifest["settings"])

@@ -8,17 +8,19 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import torch
+from pydantic import ConfigDict
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 
 from dronekeypp import checkpoint
 from dronekeypp.errors import InputError
-from dronekeypp.files import write_beside
+from dronekeypp.files import parse_json, write_beside
 from dronekeypp.model import ModelConfig, PoseNetwork
 from dronekeypp.presets import TrainConfig
+from dronekeypp.schema import Count, Length, Open, Schema, check
 from dronekeypp.settings import Settings
 
 FREE_KEYS = ("workers", "max_minutes", "device")  # these may differ when a run is resumed
@@ -29,6 +31,29 @@ class BrokenState(InputError):
 
     The message names the file and what is wrong. Whoever knows the run adds the mend.
     """
+
+
+class HistoryRow(Open):
+    """This is a row of metrics.csv: what was measured in an epoch. A diverged training has NaN there."""
+
+    model_config = ConfigDict(allow_inf_nan=True)
+    __pydantic_extra__: dict[str, float | str | None]
+
+    epoch: Length
+    score: float
+    seconds: float
+
+
+class Header(Schema):
+    """This is what a training state says of itself. States of an earlier version lack `moments`."""
+
+    model_config = ConfigDict(allow_inf_nan=True)
+
+    epoch: Count
+    moments: list[str] = []
+    best_score: float
+    history: list[HistoryRow]
+    settings: dict[Literal["model", "train", "data"], dict[str, Any]]
 
 
 class TrainState:
@@ -127,12 +152,15 @@ def read_state_file(path: Path) -> tuple[dict[str, Any], dict[str, torch.Tensor]
     """
     try:
         with safe_open(path, "pt") as file:
-            header = json.loads(file.metadata()["state"])
+            text = file.metadata()["state"]
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 (not a dict)
-        for key in ("settings", "epoch", "best_score", "history"):
-            header[key]
-    except (SafetensorError, OSError, KeyError, TypeError, ValueError, RecursionError) as error:
+    except (SafetensorError, OSError, KeyError, TypeError, ValueError) as error:
         raise BrokenState(f"{path} is not a readable training state ({error})") from None
+    try:
+        header = parse_json(text, path)
+        check(Header, header, path)
+    except InputError as error:
+        raise BrokenState(str(error)) from None
     return header, tensors
 
 
@@ -145,19 +173,18 @@ def check_header(header: dict[str, Any], epochs: int, path: Path) -> None:
         path: the file, for messages.
 
     Raises:
-        BrokenState: the finished epochs are no number, beyond the end, or not those of the history.
+        BrokenState: the finished epochs are beyond the end, or not those of the history.
     """
-    epoch, history, score = header["epoch"], header["history"], header["best_score"]
-    if type(epoch) is not int or epoch < 0:
-        raise BrokenState(f"{path}: epoch {epoch!r} is no number of epochs")
+    epoch, history = header["epoch"], header["history"]
     if epoch > epochs:
         raise BrokenState(f"{path}: {epoch} epochs are done, and {epochs} are to be trained")
-    if not isinstance(history, list) or not all(isinstance(row, dict) for row in history):
-        raise BrokenState(f"{path}: its history is no list of epochs")
-    if [row.get("epoch") for row in history] != list(range(1, epoch + 1)):
+    if [row["epoch"] for row in history] != list(range(1, epoch + 1)):
         raise BrokenState(f"{path}: {epoch} epochs are done, and its history is of others")
-    if not isinstance(score, (int, float)) or isinstance(score, bool) or math.isnan(score):
-        raise BrokenState(f"{path}: best_score {score!r} is no number")
+    for row in history:
+        if row.keys() != history[0].keys():
+            raise BrokenState(f"{path}: its history has other columns in epoch {row['epoch']}")
+    if math.isnan(header["best_score"]):
+        raise BrokenState(f"{path}: best_score is NaN")
 
 
 def check_moments(moments: dict[str, dict[str, torch.Tensor]], header: dict[str, Any], path: Path) -> None:

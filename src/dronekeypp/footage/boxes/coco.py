@@ -45,7 +45,7 @@ def read_coco(path: Path, text: str, folder: str | Path) -> BoxFile:
     Raises:
         InputError: It is not of this format.
     """
-    content = parse_json(text, path, unique_keys=True)
+    content = parse_json(text, path)
     if isinstance(content, list):
         return _read_list(path, content, folder)
     if not isinstance(content, dict) or not isinstance(content.get("annotations"), list):
