@@ -13,7 +13,6 @@ import numpy as np
 from dronekeypp.camera import check_intrinsics, project, rays
 from dronekeypp.errors import InputError
 
-
 # IPPE gives useless poses of a plane that is tilted about exactly one of its own axes, as a drone is that is
 # seen from straight behind. After a turn in the plane by 0.7 rad these are no longer the axes of the drone.
 ODD_TURN = np.array([[np.cos(0.7), -np.sin(0.7), 0], [np.sin(0.7), np.cos(0.7), 0], [0, 0, 1]])
