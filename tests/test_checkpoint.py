@@ -2,6 +2,8 @@
 
 import json
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +19,7 @@ from dronekeypp.errors import InputError
 from dronekeypp.evaluate import evaluate_checkpoint
 from dronekeypp.files import write_json
 from dronekeypp.model import DroneKeyPP
+from dronekeypp.settings import usable
 from dronekeypp.sixdronesyn.bop import read_entries
 from dronekeypp.sixdronesyn.flight_file import frame_digest
 from dronekeypp.sixdronesyn.manifest_check import FINISHED
@@ -40,6 +43,28 @@ def test_the_shipped_ones_name_their_drones(name):
     info = json.loads((SAMPLES / "crops" / "models" / "models_info.json").read_text())
     for number, drone in enumerate(network.drones, 1):
         np.testing.assert_allclose(1000 * drone.hubs, info[str(number)]["keypoints"], atol=0.01)
+
+
+@pytest.mark.parametrize("network", [DroneKeyPP, DroneKey, DronePose])
+def test_numbers_are_counted_as_they_are(network):
+    config = network.Config.from_dict(usable(network.Config, tiny(), {}))
+    whole = network(config, load_backbone=False)
+    numbers = sum(tensor.numel() for tensor in (*whole.parameters(), *whole.buffers()))
+    assert checkpoint.count_numbers(network, config) == numbers
+
+
+def test_a_network_is_loaded_without_what_it_does_not_need():
+    """Each of these takes half a second to a second to import, at the start of every command."""
+    code = f"""
+import sys
+import dronekeypp.predict
+from dronekeypp import checkpoint
+for name in ("checkpoint", "beyond"):
+    checkpoint.load({str(SAMPLES)!r} + "/" + name)
+print([name for name in ("torch._dynamo", "sympy", "torchvision", "scipy.stats") if name in sys.modules])
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("[]\n", "")
 
 
 def test_names_hubs_and_digests_go_to_disk_and_back(tmp_path):

@@ -3,8 +3,10 @@ broken stops it.
 """
 
 import csv
+import itertools
 import json
 import shutil
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -49,6 +51,7 @@ from dronekeypp.predict import (
     read_journal,
     run,
 )
+from dronekeypp.predict.ahead import ahead
 from dronekeypp.rotations import geodesic_degrees
 from dronekeypp.sequences import gaussian
 from dronekeypp.settings import usable
@@ -254,6 +257,38 @@ def test_doubt_is_what_a_mirror_changes():
 
     doubt = mirror_doubt(sees, items["image"], items["K"], items["square"], items["keypoints"])
     torch.testing.assert_close(doubt, torch.full((6,), 0.05), atol=1e-5, rtol=0)
+
+
+def test_what_is_made_ahead_comes_in_order_and_not_too_early():
+    made = []
+
+    def items():
+        for number in range(6):
+            made.append(number)
+            yield number
+
+    seen = []
+    for number in ahead(items(), 2):
+        seen.append(number)
+        assert len(made) <= number + 3  # this one and two more
+    assert seen == list(range(6))
+    assert list(ahead(iter([]), 2)) == []
+
+
+def test_what_fails_ahead_is_raised_in_its_place_and_no_thread_is_left():
+    def items():
+        yield from (0, 1)
+        raise InputError("the third is broken")
+
+    seen = []
+    with pytest.raises(InputError, match="the third is broken"):
+        for number in ahead(items(), 1):
+            seen.append(number)
+    assert seen == [0, 1]
+    stopped = ahead(itertools.count(), 2)
+    assert next(stopped) == 0
+    stopped.close()  # as Ctrl-C does it
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("ahead")]
 
 
 def test_a_killed_run_goes_on(footage, small, names, tmp_path, monkeypatch):

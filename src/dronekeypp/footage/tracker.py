@@ -32,7 +32,7 @@ class Tracker:
         Raises:
             InputError: Less than two pixels of the first box lie in the frame.
         """
-        picture = np.ascontiguousarray(image[..., ::-1])
+        picture = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
         if self.tracker is None:
             self._begin(picture)
             return self.box

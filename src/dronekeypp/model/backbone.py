@@ -9,7 +9,6 @@ import contextlib
 from pathlib import Path
 
 import torch
-import torchvision
 from torch import Tensor, nn
 
 from dronekeypp.checkpoint import load_state, read_tensors
@@ -175,6 +174,8 @@ def _torchvision_resnet(name: str, imagenet: bool) -> nn.Module:
     Raises:
         InputError: ImageNet's weights cannot be downloaded.
     """
+    import torchvision  # takes a second, and only these networks need it
+
     try:
         return getattr(torchvision.models, name)(weights=IMAGENET[name] if imagenet else None)
     # URLError is an OSError. A file that was cut off, and so has a wrong hash, is a RuntimeError.

@@ -98,7 +98,8 @@ class ClassShapes(nn.Module):
 
     def __init__(self, classes: int) -> None:
         super().__init__()
-        self.hubs = nn.Parameter(0.1 * torch.randn(classes, 4, 3))
+        # On the CPU, whatever the default device is: see `checkpoint.count_numbers`.
+        self.hubs = nn.Parameter(0.1 * torch.randn(classes, 4, 3, device="cpu"))
 
     @torch.no_grad()
     def fit(self, label: Tensor, R: Tensor, keypoints_3d: Tensor) -> None:

@@ -23,9 +23,11 @@ from dronekeypp.camera import (
 )
 from dronekeypp.errors import InputError
 from dronekeypp.footage import Calibration, Tracker
+from dronekeypp.predict.ahead import ahead
 from dronekeypp.predict.journal import BOX, GOOD, KEYPOINTS, ROTATION, SIGMAS, TRANSLATION, Row
 
 BATCH = 16
+READ_AHEAD = 1  # batches
 ANSWERS = ("keypoints", "keypoints_px", "class_probs", "R", "t")  # what a network must answer
 
 
@@ -92,6 +94,8 @@ def predicted(
 ) -> Iterator[list[Row]]:
     """Yield rows of the journal without the frames' names, a list a batch, in the order of the frames.
 
+    While the network looks at a batch, a thread reads the next one.
+
     Args:
         network: it is asked.
         calibrations: the camera's, for every frame.
@@ -99,6 +103,24 @@ def predicted(
         frames: (number, image) of each, see `Footage.read`.
         given: {frame number: box (x, y, w, h)}; a frame without one has no box.
         tracker: it finds the boxes where none are given.
+    """
+    side = network.config.image_size
+    for rows, crops in ahead(_read_batches(side, calibrations, size, frames, given, tracker), READ_AHEAD):
+        fill(network, crops)
+        yield rows
+
+
+def _read_batches(
+    side: int,
+    calibrations: Sequence[Calibration],
+    size: tuple[int, int],
+    frames: Iterable[tuple[int, np.ndarray | None]],
+    given: Mapping[int, np.ndarray] | None,
+    tracker: Tracker | None,
+) -> Iterator[tuple[list[Row], list[Crop]]]:
+    """Yield batches: the rows without an answer, and the crops of those that have a box.
+
+    `side` is that of the crops in their own pixels. For the others see `predicted`.
     """
     rows: list[Row] = []
     crops: list[Crop] = []
@@ -113,17 +135,15 @@ def predicted(
             if _centre_inside(straight, size):
                 square = clamp_square(square_around(straight), *size)
                 straight_image = calibration.undistort(image)
-                crop = crop_image(straight_image, square, network.config.image_size)
+                crop = crop_image(straight_image, square, side)
                 crops.append(Crop(row, crop, square, calibration.K))
             else:  # straightening cuts the corners off
                 row["status"] = "outside the undistorted frame"
         if len(rows) == BATCH:
-            fill(network, crops)
-            yield rows
+            yield rows, crops
             rows, crops = [], []
     if rows:
-        fill(network, crops)
-        yield rows
+        yield rows, crops
 
 
 def _find_box(

@@ -17,9 +17,11 @@ from dronekeypp.classes import DroneClass
 from dronekeypp.errors import InputError
 from dronekeypp.files import write_beside, writing_beside
 from dronekeypp.footage import DEFAULT_RATE, Calibration, Footage, open_video, writable_rate
+from dronekeypp.predict.ahead import ahead
 from dronekeypp.predict.journal import PICTURE, POSES, VIDEO, Pose
 
 AXIS_LENGTH = 0.1  # metres, for a drone whose size is not known
+DRAWN_AHEAD = 2  # frames
 WHITE, DARK = (255, 255, 255), (40, 40, 40)
 
 
@@ -106,7 +108,7 @@ def write_overlay(
     Raises:
         InputError: OpenCV cannot write such a video here, or not the whole of it.
     """
-    images = _drawn_frames(source, calibrations, poses, drones)
+    images = ahead(_drawn_frames(source, calibrations, poses, drones), DRAWN_AHEAD)
     if len(source.names) == 1:
         for image in images:
             write_beside(out / PICTURE, cv2.imencode(".png", image[..., ::-1])[1].tobytes())
@@ -159,7 +161,7 @@ def _write_video(path: Path, images: Iterator[np.ndarray], rate: float) -> int:
                         f"{path}: OpenCV cannot write an mp4 here; run again without the overlay"
                     )
             if image.shape[1::-1] == size:
-                writer.write(np.ascontiguousarray(image[..., ::-1]))
+                writer.write(cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
                 written += 1
     finally:
         if writer is not None:
