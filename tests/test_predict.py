@@ -536,13 +536,14 @@ def test_json_has_the_numbers_of_the_closing_line(footage, small, tmp_path, caps
         "format": "CSV",
         "boxes": 9,
         "used": 6,
-        "left_out": {"of another class": 1, "on a frame that cannot be read": 1},
+        "left_out": {"of another class": 1, "on a frame that cannot be used": 1},
         "on_no_frame": 1,
         "no_drone": 0,
         "first_name": "shot_0.jpg",
         "footage_first_name": "shot_0.jpg",
         "first_number": None,
         "scaled": 0,
+        "remarks": [],
     }
     line = capsys.readouterr().out.splitlines()[-1]
     assert (

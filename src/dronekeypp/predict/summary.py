@@ -26,7 +26,7 @@ def box_report(rows: Sequence[Row], given: Boxes | None, first_name: str) -> Box
     if given is not None:
         left_out = dict(given.report.left_out)
         if given.report.used > used:
-            left_out["on a frame that cannot be read"] = given.report.used - used
+            left_out["on a frame that cannot be used"] = given.report.used - used
         return replace(given.report, used=used, left_out=left_out)
     return BoxReport(
         file="--box",
