@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dronekeypp.errors import InputError
-from dronekeypp.footage import read_boxes
+from dronekeypp.footage import check_box, read_boxes
 
 NAMES = tuple(f"{number:06d}.jpg" for number in range(6))
 VIDEO = tuple(f"{number:06d}" for number in range(6))
@@ -38,6 +38,12 @@ def test_corners_in_place_of_a_size_are_refused(writer, count, tmp_path):
     names = NAMES[:count]
     with pytest.raises(InputError, match="seem to be two corners x1, y1, x2, y2; a corner and the size"):
         read_boxes(writer(tmp_path, names, CORNERS[:count], SIZE), names, *SIZE, tmp_path)
+
+
+def test_corners_behind_box_are_refused():
+    with pytest.raises(InputError, match="--box: its boxes seem to be two corners"):
+        check_box(CORNERS[0], *SIZE, "--box")
+    assert check_box(TRUE[0], *SIZE, "--box").tolist() == list(TRUE[0])
 
 
 def test_corners_near_the_upper_left_are_doubted(tmp_path):
@@ -73,6 +79,19 @@ def test_boxes_in_per_cent_or_of_a_small_picture_are_doubted(tmp_path):
     # Nobody doubts a file that says the size of its pictures.
     sized = read_boxes(box_files.coco(tmp_path, NAMES, per_cent, SIZE), NAMES, *SIZE)
     assert sized.report.remarks == ()
+
+
+def test_boxes_of_larger_pictures_are_doubted_where_some_lie_outside(tmp_path):
+    """Half of them do not, and would be poses at the wrong place without a word."""
+    double = [tuple(2 * value for value in box) for box in TRUE]
+    found = read_boxes(table(tmp_path / "b.csv", rows_of(double)), VIDEO, *SIZE)
+    assert found.report.left_out == {"outside the frame": 3}
+    assert found.report.remarks == ("3 boxes lie outside the frames: are all of them of another resolution?",)
+
+
+def test_a_class_of_boxes_that_have_none_is_refused(tmp_path):
+    with pytest.raises(InputError, match="its boxes have no class; leave --class out"):
+        read_boxes(table(tmp_path / "b.csv", rows_of(TRUE)), VIDEO, *SIZE, kinds=["drone"])
 
 
 def test_pictures_of_a_video_without_a_gap_are_doubted(tmp_path):

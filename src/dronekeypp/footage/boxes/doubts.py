@@ -18,14 +18,14 @@ ENOUGH = 3  # boxes: fewer lie anywhere by chance
 BEYOND = 0.1  # of the frame: so far do boxes reach over its edge that cannot be the drone's
 
 
-def check_corners(path: Path, boxes: np.ndarray, size: tuple[int, int], centred: bool) -> list[str]:
+def check_corners(path: str | Path, boxes: np.ndarray, size: tuple[int, int], centred: bool) -> list[str]:
     """Find out whether boxes are corners that were written where a place and a size belong.
 
     The second of two corners lies right of and below the first, so every box would be wider than its x and
     higher than its y.
 
     Args:
-        path: the file, for messages.
+        path: the file or the option, for messages.
         boxes: (N, 4) all boxes of the file as they were read, x, y, w, h in pixels of the frames.
         size: width and height of the frames, pixels.
         centred: whether the file gives the centre of a box in place of its corner.
@@ -60,6 +60,13 @@ def remark_on_quarter(boxes: np.ndarray, size: tuple[int, int]) -> list[str]:
     if len(boxes) < ENOUGH or np.any(ends > np.array(size) / 2):
         return []
     return ["all boxes lie in the upper left quarter of the frames: are they of smaller pictures, or in %?"]
+
+
+def remark_on_outside(outside: int) -> list[str]:
+    """Return what to say of so many boxes with their centre outside the frame. Detectors give none."""
+    if outside < ENOUGH:
+        return []
+    return [f"{outside} boxes lie outside the frames: are all of them of another resolution?"]
 
 
 def remark_on_first(numbers: Collection[int], first: int, format_says: int | None) -> list[str]:

@@ -15,7 +15,7 @@ from dronekeypp.footage.boxes.choose import choose_kind, choose_track, surest
 from dronekeypp.footage.boxes.coco import read_coco
 from dronekeypp.footage.boxes.content import BoxFile, BoxRow
 from dronekeypp.footage.boxes.csv_table import is_header, read_csv
-from dronekeypp.footage.boxes.doubts import check_corners, remark_on_quarter
+from dronekeypp.footage.boxes.doubts import check_corners, remark_on_outside, remark_on_quarter
 from dronekeypp.footage.boxes.match import Match, match_pictures
 from dronekeypp.footage.boxes.mot import read_mot
 from dronekeypp.footage.boxes.report import BoxReport
@@ -97,6 +97,7 @@ def read_boxes(
     left_out: Counter[str] = Counter()
     remarks = match.remarks + _doubts(file, here, (width, height))
     chosen = _fit(file, here, (width, height), left_out)
+    remarks += remark_on_outside(left_out["outside the frame"])
     of_kind = choose_kind(path, chosen, kinds)
     of_track = choose_track(path, of_kind, tracks)
     box_of = _surest_boxes(path, of_track, match, names)
@@ -251,8 +252,8 @@ def check_box(box: Sequence[float] | np.ndarray, width: int, height: int, where:
     """Return the box (x, y, w, h) as a float64 array (4,).
 
     Raises:
-        InputError: The box is not finite, has no area, is in shares of the frame, or lies wholly outside the
-            frame of `width` × `height` pixels. The message begins with `where`.
+        InputError: The box is not finite, has no area, is in shares of the frame, lies wholly outside the
+            frame of `width` × `height` pixels, or is two corners. The message begins with `where`.
     """
     box = np.array(box, dtype=np.float64)
     if box.shape != (4,) or not np.isfinite(box).all() or box[2] <= 0 or box[3] <= 0:
@@ -263,4 +264,5 @@ def check_box(box: Sequence[float] | np.ndarray, width: int, height: int, where:
         raise InputError(f"{where}: {box.tolist()} are shares of the frame; pixels are needed")
     if box[0] >= width or box[1] >= height or box[0] + box[2] <= 0 or box[1] + box[3] <= 0:
         raise InputError(f"{where}: the box {box.tolist()} lies outside the {width}×{height} frame")
+    check_corners(where, box[None], (width, height), centred=False)
     return box
