@@ -29,6 +29,16 @@ def csv(folder, names, boxes, size):
     return folder / "boxes.csv"
 
 
+def spreadsheet(folder, names, boxes, size):
+    """As in much of the world: semicolons between the cells, and decimal commas."""
+    lines = ["Frame;X;Y;W;H;Score"]
+    for name, box in zip(names, boxes, strict=True):
+        cells = ["" if value is None else f"{value:.2f}".replace(".", ",") for value in box or [None] * 4]
+        lines.append(";".join([name, *cells, "0,90"]))
+    (folder / "spreadsheet.csv").write_text("\n".join(lines) + "\n", encoding="utf-8-sig")
+    return folder / "spreadsheet.csv"
+
+
 def pandas(folder, names, boxes, size):
     """With the index in front, frames as floats, and empty cells."""
     lines = [",frame,x,y,w,h,note"]
@@ -162,7 +172,7 @@ def predictions(folder, names, boxes, size):
 
 
 BY_NAME = (
-    *(csv, yolo, yolo_tracked, yolo_oriented, yolo_outline, yolo_pose),
+    *(csv, spreadsheet, yolo, yolo_tracked, yolo_oriented, yolo_outline, yolo_pose),
     *(voc, coco, label_studio, roboflow, detections, predictions),
 )
 BY_POSITION = (pandas, mot, tracking)

@@ -227,7 +227,7 @@ def test_the_surest_box_of_a_frame_counts(tmp_path):
     file = write(tmp_path / "b.csv", "frame,x,y,w,h,score", "0,10,20,30,40,0.5", "0,1,2,3,4,0.4")
     found = read_boxes(file, VIDEO, *SIZE)
     assert found[0].tolist() == [10, 20, 30, 40]
-    assert found.report.left_out == {"less sure than another of their frame": 1}
+    assert found.report.left_out == {"not the surest of their frame": 1}
     for scores in (("0.5", "0.5"), ("", ""), ("0.5", "")):
         rows = [f"0,{10 * n},20,30,40,{score}" for n, score in enumerate(scores)]
         with pytest.raises(InputError, match="frame 000000 has 2 boxes, and no score tells"):

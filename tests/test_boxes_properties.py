@@ -107,7 +107,7 @@ def damage_text(draw, text):
     elif how == "twice":
         lines.insert(number, lines[number])
     else:
-        separator = next(s for s in (",", " ", ">", "\n") if s in text)
+        separator = next(s for s in (";", ",", " ", ">", "\n") if s in text)
         words = lines[number].rstrip("\n").split(separator)
         place = draw(st.integers(0, len(words) - 1))
         words[place : place + 1] = [] if how == "drop" else [draw(st.sampled_from(WORDS))]

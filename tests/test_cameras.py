@@ -328,6 +328,50 @@ def test_what_each_format_must_hold(tmp_path, name, damage, match):
         read_text(tmp_path, text(tree), name)
 
 
+def test_a_region_of_the_whole_picture_is_none(tmp_path):
+    message = ros_message(CAMERA)
+    message["roi"].update(width=1920, height=1080)
+    assert read_text(tmp_path, yaml_text(message)).size == (1920, 1080)
+
+
+PLAIN = {"K": [[1600, 0, 960], [0, 1600, 540], [0, 0, 1]], "D": [-0.1, 0.02, 0, 0, 0]}
+
+
+def test_the_roi_of_a_straightened_picture_is_passed_over(tmp_path):
+    """Many programs save all that cv2.getOptimalNewCameraMatrix returns beside the calibration."""
+    found = read_text(tmp_path, json.dumps({**PLAIN, "newcameramtx": PLAIN["K"], "roi": [9, 5, 1900, 1060]}))
+    assert found.opencv_K.tolist() == PLAIN["K"] and found.distortion.tolist() == PLAIN["D"]
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"crop": [100, 50, 1280, 720]},
+        {"binning": 2},
+        {"binning_x": 2, "binning_y": 2},
+        {"roi": {"x": 9, "y": 5, "w": 1280, "h": 720}},
+        {"image": {"crop_left": 100}},
+    ],
+)
+def test_a_part_of_the_picture_is_refused(tmp_path, more):
+    """It moves the principal point, or changes the focal length, and nothing else would show it."""
+    with pytest.raises(InputError, match="a part of what the lens saw|without distortion_model"):
+        read_text(tmp_path, json.dumps({**PLAIN, **more}))
+    off = {key: 0 for key in more if key != "image"}
+    if "binning_x" not in more:
+        assert read_text(tmp_path, json.dumps({**PLAIN, **off})).size is None
+
+
+def test_four_coefficients_in_a_column_need_a_lens_model(tmp_path):
+    """cv2.fisheye.calibrate returns such a column, and means other coefficients than k1, k2, p1, p2."""
+    tree = {"K": PLAIN["K"], "D": [[0.08], [-0.02], [0.004], [-0.001]]}
+    with pytest.raises(InputError, match="D: four coefficients in a column, as cv2.fisheye"):
+        read_text(tmp_path, json.dumps(tree))
+    assert read_text(tmp_path, json.dumps({**tree, "model": "fisheye"})).fisheye
+    assert not read_text(tmp_path, json.dumps({**tree, "model": "plumb_bob"})).fisheye
+    assert read_text(tmp_path, json.dumps({**tree, "D": [[0], [0], [0], [0]]})).distortion is None
+
+
 def test_messages_of_one_recording_must_agree(tmp_path):
     first, other = ros_message(CAMERA), {**ros_message(CAMERA), "width": 1280, "height": 720}
     assert read_text(tmp_path, two_messages(first)).size == (1920, 1080)

@@ -13,7 +13,7 @@ from dronekeypp import checkpoint
 from dronekeypp import exported as exported_module
 from dronekeypp.cli import main
 from dronekeypp.errors import InputError
-from dronekeypp.export import export, largest_differences
+from dronekeypp.export import IR_VERSION, export, largest_differences
 from dronekeypp.exported import DESCRIPTION, OUTPUTS, OnnxNetwork
 from dronekeypp.model import DroneKeyPP
 
@@ -30,8 +30,10 @@ def seven_frames():
 @pytest.mark.parametrize("changes", [{}, SWITCHES, GEOMETRIC])
 def test_it_answers_as_the_network_does(changes, tmp_path):
     """Every output of the file is close to the network's, in batches of 3, 3 and 1."""
+    onnx = pytest.importorskip("onnx")
     pytest.importorskip("onnxscript")
     path = export(saved(tmp_path / "net", **changes), tmp_path / "net.onnx")
+    assert onnx.load(path).ir_version == IR_VERSION
     assert [p.name for p in tmp_path.glob("*.onnx")] == ["net.onnx"]
     network, exported = checkpoint.load(tmp_path / "net"), checkpoint.load(path)
     assert exported.config == network.config

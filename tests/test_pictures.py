@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PIL import Image, ImageOps
 
 from dronekeypp.errors import InputError
 from dronekeypp.footage import IMAGES, Footage, open_footage, open_video, read_picture, videos, writable_rate
@@ -101,6 +102,67 @@ def test_what_is_no_plain_file_is_not_read(tmp_path):
     for name in ("a.png", "b.png"):
         with pytest.raises(InputError, match="a pipe or a device"):
             open_footage(tmp_path / name)
+
+
+@pytest.mark.parametrize("suffix", [".webp", ".png", ".tif", ".avif"])
+def test_a_file_of_several_pictures_is_refused(tmp_path, suffix):
+    """Only the first would be read, and a flight would be one frame long without a word."""
+    pages = [Image.fromarray(np.roll(NOISE, i, axis=1)) for i in range(3)]
+    pages[0].save(tmp_path / f"flight{suffix}", save_all=True, append_images=pages[1:])
+    with pytest.raises(InputError, match="holds 3 pictures, and only the first would be read"):
+        open_footage(tmp_path / f"flight{suffix}")
+    pages[0].save(tmp_path / f"one{suffix}")
+    assert open_footage(tmp_path / f"one{suffix}").names == (f"one{suffix}",)
+
+
+def test_smaller_versions_in_a_tiff_are_no_pictures_of_their_own(tmp_path):
+    small = Image.fromarray(NOISE[::2, ::2])
+    small.encoderinfo = {"tiffinfo": {254: 1}}
+    Image.fromarray(NOISE).save(tmp_path / "map.tif", save_all=True, append_images=[small])
+    assert open_footage(tmp_path / "map.tif").names == ("map.tif",)
+
+
+def test_pictures_that_are_not_decoded_stay_frames(tmp_path):
+    """They cannot be read, and are reported; left out, they would move the frames behind them."""
+    for name in ("1.png", "3.png"):
+        cv2.imwrite(str(tmp_path / name), NOISE)
+    for name in ("2.HEIC", "3.dng", "notes.txt", ".4.heic"):
+        (tmp_path / name).write_bytes(b"any")
+    source = open_footage(tmp_path)
+    assert source.names == ("1.png", "2.HEIC", "3.png")  # 3.dng is the raw picture of 3.png
+    assert [image is not None for _, image in source.read()] == [True, False, True]
+    for name in ("1.png", "3.png"):
+        (tmp_path / name).unlink()
+    with pytest.raises(InputError, match="no image in this folder .*; it holds 1 .HEIC, 1 .dng, 1 .txt"):
+        open_footage(tmp_path)
+
+
+@pytest.mark.parametrize("orientation", [1, 3, 6, 8])
+@pytest.mark.parametrize("suffix", [".jpg", ".png", ".tif", ".webp"])
+def test_pictures_stand_upright_as_viewers_show_them(tmp_path, orientation, suffix):
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    path = tmp_path / f"shot{suffix}"
+    lossless = {"lossless": True} if suffix == ".webp" else {}
+    Image.fromarray(NOISE).save(path, exif=exif, **lossless)
+    with Image.open(path) as image:
+        upright = np.asarray(ImageOps.exif_transpose(image))
+    np.testing.assert_array_equal(read_picture(path), upright)
+
+
+def test_pictures_of_many_modes(tmp_path):
+    """Printing inks, palettes, transparency, one bit: the colours are those that Pillow shows."""
+    shade = cv2.GaussianBlur(NOISE, (0, 0), 4)
+    for mode, suffix in (("CMYK", ".jpg"), ("CMYK", ".tif"), ("P", ".png"), ("LA", ".png"), ("1", ".png")):
+        image = Image.fromarray(shade).convert(mode)
+        image.save(tmp_path / f"{mode}{suffix}")
+        with Image.open(tmp_path / f"{mode}{suffix}") as stored:
+            wanted = np.asarray(stored.convert("RGB")).astype(int)
+        assert np.abs(read_picture(tmp_path / f"{mode}{suffix}") - wanted).max() <= 3, mode
+    seen_through = Image.fromarray(NOISE).convert("RGBA")
+    seen_through.putalpha(1)
+    seen_through.save(tmp_path / "alpha.png")
+    np.testing.assert_array_equal(read_picture(tmp_path / "alpha.png"), NOISE)
 
 
 def write_video(path, rate=25.0, frames=5):

@@ -571,19 +571,37 @@ def test_json_has_the_numbers_of_the_closing_line(footage, small, tmp_path, caps
         "format": "CSV",
         "boxes": 9,
         "used": 6,
-        "left_out": {"of another class": 1, "on a frame that cannot be read": 1},
+        "left_out": {"of another class": 1, "on a frame that cannot be used": 1},
         "on_no_frame": 1,
         "no_drone": 0,
         "first_name": "shot_0.jpg",
         "footage_first_name": "shot_0.jpg",
         "first_number": None,
         "scaled": 0,
+        "remarks": [],
     }
     line = capsys.readouterr().out.splitlines()[-1]
     assert (
         "6 poses of 7 frames, 1 without one (1 cannot be read), see frames.csv; b.csv (CSV): 6 of 9" in line
     )
     assert main([*command, "--class", "bird"]) == 2 and "begun with another boxes" in capsys.readouterr().err
+
+
+def test_json_replaces_nothing_but_its_own(footage, small, tmp_path, capsys):
+    """One word in the wrong place, and the numbers would be written over the camera or the boxes."""
+    images, camera, boxes, _ = footage
+    before = camera.read_bytes(), boxes.read_bytes()
+    command = ["predict", str(small), str(images), "--camera", str(camera), "--boxes", str(boxes)]
+    command += ["--out", str(tmp_path / "out"), "--no-overlay", "--json"]
+    for path in (camera, boxes):
+        assert main([*command, str(path)]) == 2
+        assert "for --json, or remove it" in capsys.readouterr().err
+    (tmp_path / "out").mkdir()
+    assert main([*command, str(tmp_path / "out" / "settings.json")]) == 2
+    assert "the run itself writes this file" in capsys.readouterr().err
+    assert (camera.read_bytes(), boxes.read_bytes()) == before and not list((tmp_path / "out").iterdir())
+    for _ in range(2):
+        assert main([*command, str(tmp_path / "a.json")]) == 0
 
 
 def test_the_closing_line_of_a_tracked_box(video, small, tmp_path, capsys):

@@ -2,10 +2,10 @@
 
 Its inputs are the crop, the camera matrix and the square; its outputs are keypoints, class, rotation and
 translation. `export` needs the optional extra: `pip install -e ".[onnx]"`. The file runs wherever ONNX
-Runtime does. `exported.OnnxNetwork` runs it here, with the same call and the same answers as the network that
-it was made from. So `checkpoint.load`, and with it every command, takes either. The file's metadata
-(`metadata_props`) say what config.json of the checkpoint says: the method, the drones with their hubs, the
-settings.
+Runtime does, from 1.17 on. `exported.OnnxNetwork` runs it here, with the same call and the same answers as
+the network that it was made from. So `checkpoint.load`, and with it every command, takes either. The file's
+metadata (`metadata_props`) say what config.json of the checkpoint says: the method, the drones with their
+hubs, the settings.
 """
 
 from __future__ import annotations
@@ -25,6 +25,10 @@ from dronekeypp.errors import InputError
 from dronekeypp.exported import DESCRIPTION, INPUTS, OnnxNetwork, outputs, require_packages
 from dronekeypp.files import check_replaceable, remove_unfinished, writing_beside
 from dronekeypp.model import DroneKeyPP
+
+# The oldest version of ONNX's file format that can hold the graph. ONNX Runtime up to 1.17 refuses 10, which
+# the exporter writes.
+IR_VERSION = 9
 
 
 class _Tuple(nn.Module):
@@ -62,6 +66,7 @@ def export(source: str | Path, out_file: str | Path) -> Path:
     if not isinstance(network, DroneKeyPP) or network.encoder is None:
         raise InputError(f"{source} is no DroneKey++ with an encoder: nothing to export")
     program = _program(network)
+    program.model.ir_version = IR_VERSION
     program.model.metadata_props[DESCRIPTION] = json.dumps(checkpoint.describe(network))
     out_file.parent.mkdir(parents=True, exist_ok=True)
     remove_unfinished(out_file.parent, (out_file.name,))

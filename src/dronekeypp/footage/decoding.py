@@ -15,6 +15,9 @@ MOST_BYTES = 2**29  # of its file
 # Deeper pictures are stretched between these shares of their values; hot and dead pixels lie outside.
 DARKEST, BRIGHTEST = 0.1, 99.9  # per cent
 HEADER = 2048  # bytes
+SEVERAL_PICTURES = ("WEBP", "PNG", "AVIF", "TIFF")  # that Pillow tells the number of
+TIFF_KIND, TIFF_REDUCED = 254, 1  # the tag NewSubfileType, and its bit of smaller versions
+MOST_PAGES = 1000  # of a TIFF that are looked at
 # Width and height of pictures that Pillow does not know: Radiance (.hdr), coloured PFM, and PAM.
 TEXT_HEADER = re.compile(
     rb"\A#\?(?:RADIANCE|RGBE)[^\0]*?\n[-+][XY] (\d{1,9}) [-+][XY] (\d{1,9})\n"
@@ -42,6 +45,29 @@ def read_picture(path: Path) -> np.ndarray | None:
         return None
     image = _decode(data)
     return None if image is None else cv2.cvtColor(_to_8_bits(image), cv2.COLOR_BGR2RGB)
+
+
+def count_pictures(path: Path) -> int:
+    """Return how many pictures an image file holds: an animated WebP, PNG or AVIF, or a TIFF of many pages.
+
+    It is 1 where nobody can tell. Smaller versions of a picture in the same TIFF do not count, nor do the
+    second pictures that phones hide in a JPEG.
+    """
+    try:
+        with warnings.catch_warnings(), Image.open(path) as image:
+            warnings.simplefilter("ignore")
+            if image.format not in SEVERAL_PICTURES:
+                return 1
+            if image.format != "TIFF":
+                return image.n_frames
+            count = 0
+            for page in range(min(image.n_frames, MOST_PAGES)):
+                image.seek(page)
+                kind = image.tag_v2.get(TIFF_KIND, 0)
+                count += not kind & TIFF_REDUCED
+            return max(count, 1)
+    except Exception:  # Pillow raises anything on broken files; reading them says so
+        return 1
 
 
 def _decode(data: np.ndarray) -> np.ndarray | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 
 from dronekeypp.errors import InputError
 from dronekeypp.files import digest, natural_order
-from dronekeypp.footage.decoding import read_picture
+from dronekeypp.footage.decoding import count_pictures, read_picture
 from dronekeypp.footage.videos import count_frames, open_video
 
 CAMERA_FILE = "scene_camera.json"  # of a scene of a BOP data set
@@ -20,6 +21,11 @@ CAMERA_FILE = "scene_camera.json"  # of a scene of a BOP data set
 IMAGES = (
     *(".jpg", ".jpeg", ".jpe", ".png", ".bmp", ".dib", ".tif", ".tiff", ".webp", ".avif", ".jp2"),
     *(".pbm", ".pgm", ".ppm", ".pnm", ".pxm", ".pfm", ".ras", ".sr", ".hdr", ".pic"),
+)
+# Pictures of cameras that OpenCV does not decode. In a folder they are frames that cannot be read.
+OTHER_IMAGES = (
+    *(".heic", ".heif", ".hif", ".jxl", ".exr", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf"),
+    *(".rw2", ".raw"),
 )
 VIDEOS = (
     *(".mp4", ".avi", ".mov", ".mkv", ".m4v", ".webm", ".mpg", ".mpeg", ".m2v", ".mts", ".m2ts", ".ts"),
@@ -134,7 +140,8 @@ class Footage:
             yield from self._read_video(start)
             return
         for number in range(start, len(self.names)):
-            yield number, read_picture(self.folder / self.names[number])
+            file = self.folder / self.names[number]
+            yield number, read_picture(file) if file.suffix.lower() in IMAGES else None
 
     def _read_video(self, start: int) -> Iterator[tuple[int, np.ndarray | None]]:
         video = open_video(self.path)
@@ -159,7 +166,7 @@ def open_footage(path: str | Path) -> Footage:
 
     Raises:
         InputError: The path does not exist, the folder holds no image, or the file is neither an image nor a
-            video.
+            video, or an image file that holds several pictures.
     """
     path = Path(path)
     if (path / CAMERA_FILE).is_file() and (path / "rgb").is_dir():
@@ -171,6 +178,12 @@ def open_footage(path: str | Path) -> Footage:
     if not path.is_file():
         raise InputError(f"{path}: a pipe or a device, which cannot be read twice; give a file")
     if path.suffix.lower() in IMAGES:
+        pictures = count_pictures(path)
+        if pictures > 1:
+            raise InputError(
+                f"{path}: holds {pictures} pictures, and only the first would be read; "
+                "make a folder with a file for each, or a video"
+            )
         return Footage(path, (path.name,), None)
     if path.suffix.lower() not in VIDEOS:
         raise InputError(f"{path}: neither an image ({', '.join(IMAGES)}) nor a video ({', '.join(VIDEOS)})")
@@ -179,11 +192,19 @@ def open_footage(path: str | Path) -> Footage:
 
 
 def _image_names(folder: Path) -> tuple[str, ...]:
-    """Return the names of the images in a folder, in order."""
-    names = []
-    for path in folder.iterdir():
-        if path.suffix.lower() in IMAGES and not path.name.startswith("."):
-            names.append(path.name)
+    """Return the names of the images in a folder, in order.
+
+    Images that are not decoded are among them, unless there is one of the same name that is: many cameras
+    write a raw file beside each JPEG.
+    """
+    files = [path for path in sorted(folder.iterdir()) if not path.name.startswith(".")]
+    names = [path.name for path in files if path.suffix.lower() in IMAGES]
     if not names:
-        raise InputError(f"{folder}: no image in this folder ({', '.join(IMAGES)})")
+        found = Counter(path.suffix or ("folder" if path.is_dir() else "without suffix") for path in files)
+        listed = ", ".join(f"{count} {suffix}" for suffix, count in found.most_common(3)) or "nothing"
+        raise InputError(f"{folder}: no image in this folder ({', '.join(IMAGES)}); it holds {listed}")
+    stems = {Path(name).stem for name in names}
+    for path in files:
+        if path.suffix.lower() in OTHER_IMAGES and path.stem not in stems:
+            names.append(path.name)
     return tuple(sorted(names, key=natural_order))

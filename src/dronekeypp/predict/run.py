@@ -13,7 +13,7 @@ from tqdm import tqdm
 from dronekeypp.checkpoint import weights_file
 from dronekeypp.classes import names_of
 from dronekeypp.errors import InputError
-from dronekeypp.files import append_to, check_writable, digest, lock_folder, write_beside, write_json
+from dronekeypp.files import append_to, digest, lock_folder, write_beside, write_json
 from dronekeypp.footage import (
     Footage,
     Tracker,
@@ -38,7 +38,7 @@ from dronekeypp.predict.journal import (
     to_pose,
 )
 from dronekeypp.predict.overlay import draw_trajectory, write_overlay
-from dronekeypp.predict.summary import box_report, closing_line, summary
+from dronekeypp.predict.summary import box_report, check_json_file, closing_line, summary
 from dronekeypp.sequences import gaussian
 from dronekeypp.sixdronesyn import bop
 from dronekeypp.sixdronesyn.results import object_numbers
@@ -95,7 +95,7 @@ def predict(
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file, not a folder")
     if json_file:
-        check_writable(Path(json_file))  # before the work, not after it
+        check_json_file(Path(json_file), out)  # before the work, not after it
     source = open_footage(footage)
     calibrations = read_cameras(camera, source)
     if rate is not None:

@@ -8,10 +8,30 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from dronekeypp.errors import InputError
+from dronekeypp.files import check_writable, read_json
 from dronekeypp.footage import Boxes, BoxReport
-from dronekeypp.predict.journal import BOX, GOOD, JOURNAL, Row
+from dronekeypp.predict.journal import BOX, FILES, GOOD, JOURNAL, Row
 
 LISTED = 3  # reasons that the line names
+PARTS = {"frames", "poses", "without_pose", "boxes"}  # of the numbers for machines
+
+
+def check_json_file(path: Path, out: Path) -> None:
+    """Check that the numbers of a run to the folder `out` may be written to a file.
+
+    Raises:
+        InputError: It cannot be written; or it holds anything but such numbers, as the camera or the boxes do
+            when names are mixed up; or it is a file of the run itself.
+    """
+    check_writable(path)
+    if path.name in FILES and path.resolve().parent == out.resolve():
+        raise InputError(f"{path}: the run itself writes this file; choose another name for --json")
+    if path.exists():
+        mend = "choose another name for --json, or remove it"
+        content = read_json(path, mend=mend)
+        if not isinstance(content, dict) or set(content) != PARTS:
+            raise InputError(f"{path}: is there already, and is no file of `predict --json`; {mend}")
 
 
 def box_report(rows: Sequence[Row], given: Boxes | None, first_name: str) -> BoxReport:
@@ -26,7 +46,7 @@ def box_report(rows: Sequence[Row], given: Boxes | None, first_name: str) -> Box
     if given is not None:
         left_out = dict(given.report.left_out)
         if given.report.used > used:
-            left_out["on a frame that cannot be read"] = given.report.used - used
+            left_out["on a frame that cannot be used"] = given.report.used - used
         return replace(given.report, used=used, left_out=left_out)
     return BoxReport(
         file="--box",

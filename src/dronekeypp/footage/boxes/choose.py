@@ -30,6 +30,8 @@ def choose_kind(path: Path, rows: Sequence[BoxRow], wanted: Sequence[str]) -> li
     kinds = Counter(row.kind for row in rows)
     if not wanted and len(kinds) <= 1:
         return list(rows)
+    if wanted and set(kinds) == {None}:
+        raise InputError(f"{path}: its boxes have no class; leave --class out")
     if not wanted or None in kinds:
         raise InputError(
             f"{path}: boxes of several classes: {_listed(kinds)}"

@@ -1,8 +1,10 @@
 """Read our own table of boxes, as pandas and spreadsheets write it.
 
 A header names the columns, in any order: frame, x, y, w, h in pixels, and score, class and track where you
-have them. Other columns, such as the index of pandas, are passed over. `frame` is a file name, or a number
-from 0. Empty cells say that there is no drone. Reference: RFC 4180.
+have them. Capitals do not count. Other columns, such as the index of pandas, are passed over. `frame` is a
+file name, or a number from 0. Empty cells say that there is no drone. Commas stand between the cells, or
+semicolons or tabs, and then a comma in a number is a decimal one, as spreadsheets in much of the world write
+it. Reference: RFC 4180.
 
     frame,x,y,w,h,score
     shot_0.jpg,1162.66,492.62,270.55,80.47,0.9
@@ -13,6 +15,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from pathlib import Path
 
 from dronekeypp.errors import InputError
@@ -20,6 +23,16 @@ from dronekeypp.footage.boxes.content import BoxFile, BoxRow, Kind, as_box, as_s
 from dronekeypp.footage.boxes.text import refuse_cut
 
 COLUMNS = ("frame", "x", "y", "w", "h")
+NUMBERS = ("x", "y", "w", "h", "score", "track")
+SEPARATORS = (",", ";", "\t")
+THOUSANDS = re.compile(r"[-+]?\d{1,3}(?:,\d{3})+")  # 1,162 is one thousand, or a little more than one
+
+Row = dict[str, str]  # the cells of a line by column
+
+
+def is_header(line: str) -> bool:
+    """Tell whether a line names the columns of such a table."""
+    return "frame" in _names(line.split(_separator(line)))
 
 
 def read_csv(path: Path, text: str) -> BoxFile:
@@ -28,9 +41,13 @@ def read_csv(path: Path, text: str) -> BoxFile:
     Raises:
         InputError: A column is missing or there twice, or a row has other cells than the header says.
     """
-    refuse_cut(path, text)
+    separator = _separator(text.lstrip().partition("\n")[0])
+    refuse_cut(path, text if separator == "," else text.replace(",", ".").replace(separator, ","))
     file = BoxFile(path, "CSV", first_number=0)
-    for line, row in _table(path, text):
+    rows = _table(path, text, separator)
+    if separator != ",":
+        _write_points(path, rows)
+    for line, row in rows:
         where = f"{path} line {line}"
         cells = [row[key].strip() for key in COLUMNS[1:]]
         filled = [cell for cell in cells if cell]
@@ -50,11 +67,21 @@ def read_csv(path: Path, text: str) -> BoxFile:
     return file
 
 
-def _table(path: Path, text: str) -> list[tuple[int, dict[str, str]]]:
+def _separator(header: str) -> str:
+    """Return what stands between the cells of a header."""
+    return max(SEPARATORS, key=header.count)
+
+
+def _names(cells: list[str]) -> list[str]:
+    """Return the names of columns in small letters."""
+    return [cell.strip().lower() for cell in cells]
+
+
+def _table(path: Path, text: str, separator: str) -> list[tuple[int, Row]]:
     """Return the number of each line and its cells by column."""
-    reader = csv.DictReader(io.StringIO(text, newline=""))
+    reader = csv.DictReader(io.StringIO(text, newline=""), delimiter=separator)
     try:
-        header = [name.strip() for name in reader.fieldnames or ()]
+        header = _names(list(reader.fieldnames or ()))
         reader.fieldnames = header
         if not set(COLUMNS) <= set(header):
             raise InputError(
@@ -72,3 +99,24 @@ def _table(path: Path, text: str) -> list[tuple[int, dict[str, str]]]:
         return rows
     except csv.Error as error:
         raise InputError(f"{path}: not CSV ({error})") from None
+
+
+def _write_points(path: Path, rows: list[tuple[int, Row]]) -> None:
+    """Write the decimal commas in the numbers of a table as points.
+
+    Raises:
+        InputError: All commas may as well stand between thousands.
+    """
+    with_comma = []
+    for line, row in rows:
+        for column in NUMBERS:
+            if "," in row.get(column, ""):
+                with_comma.append((line, row, column))
+    if with_comma and all(THOUSANDS.fullmatch(row[column].strip()) for _, row, column in with_comma):
+        line, row, column = with_comma[0]
+        raise InputError(
+            f"{path} line {line}: the comma of {row[column].strip()} may be a decimal one, or stand between "
+            "thousands; write a point"
+        )
+    for _, row, column in with_comma:
+        row[column] = row[column].replace(",", ".")

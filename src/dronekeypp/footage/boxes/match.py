@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from dronekeypp.errors import InputError
 from dronekeypp.footage.boxes import yolo
 from dronekeypp.footage.boxes.content import BoxFile, as_whole
+from dronekeypp.footage.boxes.doubts import remark_on_first, remark_on_sampling
 from dronekeypp.footage.boxes.numbering import first_number, is_ultralytics, own_numbers, video_name
 from dronekeypp.footage.boxes.pictures_by_name import PicturesByName
 from dronekeypp.footage.boxes.places import Place, as_path, choose_one
@@ -28,10 +29,12 @@ class Match:
     Attributes:
         frames: of each picture its frame, or None.
         first_number: from what the file counts, where its numbers were taken.
+        remarks: what may be wrong with them.
     """
 
     frames: list[int | None]
     first_number: int | None = None
+    remarks: list[str] = field(default_factory=list)
 
 
 def match_pictures(
@@ -103,7 +106,8 @@ def _match_numbers(file: BoxFile, numbers: Sequence[int], frames: int, count_fro
     """Match numbers that are positions in the footage."""
     first = first_number(file.path, numbers, frames, file.first_number, count_from)
     positions = [number - first for number in numbers]
-    return Match([position if position < frames else None for position in positions], first)
+    remarks = remark_on_first(numbers, first, file.first_number) if count_from is None else []
+    return Match([position if position < frames else None for position in positions], first, remarks)
 
 
 def _match_video_names(file: BoxFile, frames: int, place: Place, count_from: int | None) -> Match:
@@ -131,7 +135,8 @@ def _match_video_names(file: BoxFile, frames: int, place: Place, count_from: int
         number = next(queue) if is_here else None
         matched.append(None if number is None or number - first >= frames else number - first)
     frame_names = [f"{frame:06d}" for frame in range(frames)]
-    return Match(_in_their_place(file, matched, frame_names, place), first)
+    remarks = remark_on_sampling(own, first, frames) if count_from is None else []
+    return Match(_in_their_place(file, matched, frame_names, place), first, remarks)
 
 
 def _in_their_place(

@@ -8,7 +8,7 @@ from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
 from dronekeypp.errors import InputError
-from dronekeypp.footage.boxes.places import as_path
+from dronekeypp.footage.boxes.places import as_path, composed
 from dronekeypp.footage.pictures import IMAGES
 
 NOBODYS = ("", "frame", "frames", "image", "img", "im")  # names in front of a number that are no video's own
@@ -62,7 +62,7 @@ def video_name(name: str, video: str) -> VideoName | None:
     base = as_path(name).name
     if PurePosixPath(base).suffix.lower() in IMAGES:
         base = PurePosixPath(base).stem
-    base, video = base.lower(), video.lower()
+    base, video = base.lower(), composed(video).lower()
     own = re.fullmatch(r"[-_. ](?:frames?|images?|img)?[-_. ]?(\d+)", base.removeprefix(video))
     if base.startswith(video) and own:
         return VideoName(video, own[1])
@@ -77,8 +77,9 @@ def own_numbers(names: Sequence[VideoName | None], video: str) -> list[int | Non
     frame_000012. Return None where the names have no number or are another video's.
     """
     prefixes = {name.prefix for name in names if name}
-    if video.lower() in prefixes:
-        return [int(name.digits) if name and name.prefix == video.lower() else None for name in names]
+    own = composed(video).lower()
+    if own in prefixes:
+        return [int(name.digits) if name and name.prefix == own else None for name in names]
     if None in names or len(prefixes) != 1 or not prefixes <= set(NOBODYS):
         return None
     return [int(name.digits) for name in names if name]
@@ -86,5 +87,6 @@ def own_numbers(names: Sequence[VideoName | None], video: str) -> list[int | Non
 
 def is_ultralytics(names: Sequence[VideoName | None], video: str) -> bool:
     """Tell whether labels are called as Ultralytics calls those of a video: NAME_1, NAME_2 …, from 1."""
-    own = [name.digits for name in names if name and name.prefix == video.lower()]
+    prefix = composed(video).lower()
+    own = [name.digits for name in names if name and name.prefix == prefix]
     return bool(own) and not any(digits.startswith("0") for digits in own)

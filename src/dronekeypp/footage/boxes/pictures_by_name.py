@@ -8,7 +8,7 @@ from pathlib import Path, PurePosixPath
 from urllib.parse import unquote
 
 from dronekeypp.errors import InputError
-from dronekeypp.footage.boxes.places import as_path
+from dronekeypp.footage.boxes.places import as_path, composed
 
 # Label Studio puts eight hexadecimal digits in front of a name. Roboflow puts a suffix of its own behind it.
 LABEL_STUDIO = re.compile(r"[0-9a-f]{8}-(?P<name>.+)")
@@ -23,12 +23,13 @@ class PicturesByName:
     """
 
     def __init__(self, names: Iterable[str]) -> None:
-        self.by_name: dict[str, int] = {}
+        self.by_name: dict[str, list[int]] = {}
         self.by_stem: dict[str, list[int]] = {}
         self.by_number: dict[int, list[int]] = {}
         for index, name in enumerate(names):
+            name = composed(name)
             stem = Path(name).stem
-            self.by_name[name] = index
+            self.by_name.setdefault(name, []).append(index)
             self.by_stem.setdefault(stem, []).append(index)
             if stem.isdecimal():
                 self.by_number.setdefault(int(stem), []).append(index)
@@ -51,7 +52,7 @@ class PicturesByName:
         base = as_path(name).name
         for candidate in (base, unquote(base), _original(base), _original(unquote(base))):
             if candidate in self.by_name:
-                return [self.by_name[candidate]]
+                return self.by_name[candidate]
             for stem in (candidate, PurePosixPath(candidate).stem):
                 if stem in self.by_stem:
                     return self.by_stem[stem]

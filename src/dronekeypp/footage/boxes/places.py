@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import unicodedata
 from pathlib import Path, PurePosixPath
 
 from dronekeypp.errors import InputError
@@ -16,13 +17,18 @@ USUAL = re.compile(
 )
 
 
+def composed(name: str) -> str:
+    """Return a name with each letter and its accents in one character, as most programs write it."""
+    return unicodedata.normalize("NFC", name)
+
+
 def as_path(name: str) -> PurePosixPath:
     """Return a name of a file of boxes as a path.
 
-    Programs on Windows write backslashes. Label Studio writes /data/local-files/?d= in front of the path, and
-    keeps what was uploaded in numbered folders of its own.
+    Programs on Windows write backslashes. Those on a Mac write letters and accents apart. Label Studio writes
+    /data/local-files/?d= in front of the path, and keeps what was uploaded in numbered folders of its own.
     """
-    path = re.sub(r"^.*\?d=/?", "/", name.strip().replace("\\", "/"))
+    path = re.sub(r"^.*\?d=/?", "/", composed(name).strip().replace("\\", "/"))
     return PurePosixPath(re.sub(r"^(.*/)?upload/\d+/", "", path))
 
 
@@ -64,7 +70,7 @@ class Place:
 def _telling(folder: PurePosixPath | Path) -> list[str]:
     """Return the parts of a path that tell one flight from another."""
     parts = [part for part in folder.parts if part != folder.anchor and not re.match(r"[A-Za-z]:", part)]
-    return [part for part in parts if not USUAL.fullmatch(part)]
+    return [composed(part) for part in parts if not USUAL.fullmatch(part)]
 
 
 def choose_one(path: Path, candidates: dict[str, list[int]], place: Place, frame: str) -> list[int]:

@@ -14,14 +14,15 @@ from dronekeypp.files import digest
 from dronekeypp.footage.boxes.choose import choose_kind, choose_track, surest
 from dronekeypp.footage.boxes.coco import read_coco
 from dronekeypp.footage.boxes.content import BoxFile, BoxRow
-from dronekeypp.footage.boxes.csv_table import read_csv
+from dronekeypp.footage.boxes.csv_table import is_header, read_csv
+from dronekeypp.footage.boxes.doubts import check_corners, remark_on_outside, remark_on_quarter
 from dronekeypp.footage.boxes.match import Match, match_pictures
 from dronekeypp.footage.boxes.mot import read_mot
 from dronekeypp.footage.boxes.report import BoxReport
 from dronekeypp.footage.boxes.text import number_lines, read_text, refuse_cut
 from dronekeypp.footage.boxes.tracking import read_tracking
 from dronekeypp.footage.boxes.voc import read_voc
-from dronekeypp.footage.boxes.yolo import CLASSES, read_yolo
+from dronekeypp.footage.boxes.yolo import CLASSES, FORMAT, read_yolo
 
 SLIVER = 1.0  # pixels: what a detector leaves of a box at the frame's edge
 
@@ -79,7 +80,7 @@ def read_boxes(
 
     Raises:
         InputError: The path is not found, it is not one of these formats, a line is not valid (the message
-            names it), or it stays unclear which box is the drone's in which frame.
+            names it), no box can be used, or it stays unclear which box is the drone's in which frame.
     """
     path = Path(path)
     if count_from not in (None, 0, 1):
@@ -94,25 +95,32 @@ def read_boxes(
     if not here:
         raise InputError(_nothing(file, rows, names))
     left_out: Counter[str] = Counter()
+    remarks = match.remarks + _doubts(file, here, (width, height))
     chosen = _fit(file, here, (width, height), left_out)
+    remarks += remark_on_outside(left_out["outside the frame"])
     of_kind = choose_kind(path, chosen, kinds)
     of_track = choose_track(path, of_kind, tracks)
     box_of = _surest_boxes(path, of_track, match, names)
     left_out["of another class"] = len(chosen) - len(of_kind)
     left_out["of another track"] = len(of_kind) - len(of_track)
-    left_out["less sure than another of their frame"] = len(of_track) - len(box_of)
+    left_out["not the surest of their frame"] = len(of_track) - len(box_of)
+    left_out = +left_out
+    if not box_of:
+        reasons = ", ".join(f"{count} {reason}" for reason, count in left_out.items())
+        raise InputError(f"{path}: none of its {len(rows)} boxes can be used: {reasons}")
     report = BoxReport(
         file=path.name,
         format=file.format,
         boxes=len(rows),
         used=len(box_of),
-        left_out={reason: count for reason, count in left_out.items() if count},
+        left_out=dict(left_out),
         on_no_frame=len(rows) - len(here),
         no_drone=len(file.rows) - len(rows),
         first_name=str(file.pictures[0].name),
         footage_first_name=names[0],
         first_number=match.first_number,
         scaled=sum(_scale(file, row, (width, height)) != (1, 1) for row in here),
+        remarks=tuple(remarks),
     )
     return Boxes(box_of, report)
 
@@ -128,7 +136,7 @@ def _read_file(path: Path, frames: int, width: int, height: int, folder: str | P
     if suffix == ".json":
         return read_coco(path, text, folder)
     first = next((line for line in text.splitlines() if line.strip()), "")
-    if suffix == ".csv" and any(character.isalpha() for character in first):
+    if is_header(first) or (suffix == ".csv" and any(character.isalpha() for character in first)):
         return read_csv(path, text)
     lines = number_lines(path, text, "," if "," in first else None)
     if not lines:
@@ -187,6 +195,17 @@ def _fit(
     return fitting
 
 
+def _doubts(file: BoxFile, rows: Sequence[BoxRow], size: tuple[int, int]) -> list[str]:
+    """Return what may be wrong with the boxes of frames, or raise InputError where it must be."""
+    scales = [np.tile(_scale(file, row, size), 2) for row in rows]
+    boxes = np.array([row.box for row in rows]) * scales  # (N, 4) x, y, w, h
+    shares = file.format == FORMAT
+    remarks = check_corners(file.path, boxes, size, centred=shares)
+    if not shares and all(file.pictures[row.picture].size is None for row in rows):
+        remarks += remark_on_quarter(boxes, size)
+    return remarks
+
+
 def _scale(file: BoxFile, row: BoxRow, size: tuple[int, int]) -> tuple[float, float]:
     """Return what makes a box of a file's picture one of the frame, in x and in y.
 
@@ -218,7 +237,10 @@ def _surest_boxes(
 def _nothing(file: BoxFile, rows: Sequence[BoxRow], names: Sequence[str]) -> str:
     """Say why there is no box for any frame."""
     first = str(file.pictures[0].name) if file.pictures else "missing"
-    if not rows and not any(picture.fault for picture in file.pictures):
+    faults = [picture.fault for picture in file.pictures if picture.fault]
+    if faults and len(faults) == len(file.pictures):
+        return faults[0]
+    if not rows and not faults:
         return f"{file.path}: holds no box; its first name is {first}, the footage's {names[0]}"
     return (
         f"{file.path}: none of its {len(rows)} boxes is on any of the {len(names)} frames; "
@@ -230,8 +252,8 @@ def check_box(box: Sequence[float] | np.ndarray, width: int, height: int, where:
     """Return the box (x, y, w, h) as a float64 array (4,).
 
     Raises:
-        InputError: The box is not finite, has no area, is in shares of the frame, or lies wholly outside the
-            frame of `width` × `height` pixels. The message begins with `where`.
+        InputError: The box is not finite, has no area, is in shares of the frame, lies wholly outside the
+            frame of `width` × `height` pixels, or is two corners. The message begins with `where`.
     """
     box = np.array(box, dtype=np.float64)
     if box.shape != (4,) or not np.isfinite(box).all() or box[2] <= 0 or box[3] <= 0:
@@ -242,4 +264,5 @@ def check_box(box: Sequence[float] | np.ndarray, width: int, height: int, where:
         raise InputError(f"{where}: {box.tolist()} are shares of the frame; pixels are needed")
     if box[0] >= width or box[1] >= height or box[0] + box[2] <= 0 or box[1] + box[3] <= 0:
         raise InputError(f"{where}: the box {box.tolist()} lies outside the {width}×{height} frame")
+    check_corners(where, box[None], (width, height), centred=False)
     return box

@@ -23,6 +23,7 @@ class BoxReport:
         footage_first_name: what the footage calls its first frame.
         first_number: the number from which the file counts, where numbers were taken, else None.
         scaled: how many boxes were scaled from pictures of another size.
+        remarks: what may be wrong with them.
     """
 
     file: str
@@ -36,6 +37,7 @@ class BoxReport:
     footage_first_name: str
     first_number: int | None
     scaled: int
+    remarks: tuple[str, ...] = ()
 
     def line(self) -> str:
         """Return the report in one line."""
@@ -50,7 +52,8 @@ class BoxReport:
             parts.append(f"{self.scaled} scaled to the size of the frames")
         counted = "" if self.first_number is None else f", counted from {self.first_number}"
         names = f"its first name {self.first_name}{counted}, the footage's {self.footage_first_name}"
-        return f"{self.file} ({self.format}): {', '.join(parts)}; {names}"
+        notes = "".join(f"; NOTE: {remark}" for remark in self.remarks)
+        return f"{self.file} ({self.format}): {', '.join(parts)}; {names}{notes}"
 
     def as_dict(self) -> dict[str, Any]:
         """Return the report as JSON holds it."""

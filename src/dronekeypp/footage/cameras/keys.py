@@ -30,6 +30,8 @@ _OTHER_SIZES = re.compile(
 _LENS = re.compile(
     r".*model|.*fisheye|.*omni|xi$|lens(type)?$|cam(era)?type$|projection(type)?$|distortiontype$"
 )
+# Something was done to the picture behind the lens.
+_PART = re.compile(r"crop.*|binning.*|roi")
 _SWITCH = re.compile(r"fisheye|omni|xi$")
 
 
@@ -147,6 +149,21 @@ class Entries:
     def below(self, path: str) -> list[Entry]:
         """Return the entries in the one with a path."""
         return [entry for entry in self.entries if entry.path.startswith(f"{path}.")]
+
+    def refuse_parts(self) -> None:
+        """Raise InputError where an entry says that the pictures are a part of what the lens saw, or binned.
+
+        A "roi" of four numbers is passed over: programs save the one of cv2.getOptimalNewCameraMatrix, which
+        is of the straightened picture.
+        """
+        for entry in self.entries:
+            if not _PART.fullmatch(entry.name) or (entry.name == "roi" and not isinstance(entry.value, dict)):
+                continue
+            if entry.value not in (None, "", [], {}, 0, 1):
+                raise InputError(
+                    f"{self.file}: {entry.path}: the pictures are a part of what the lens saw, or smaller; "
+                    "give the matrix of these pictures, and remove the entry"
+                )
 
     def refuse_rest(self) -> None:
         """Raise InputError where an entry looks like distortion, size or lens, and was not taken.

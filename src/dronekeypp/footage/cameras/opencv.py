@@ -8,6 +8,8 @@ and `image_Width`. The plain form is {"camera_matrix": [[fx, 0, cx], [0, fy, cy]
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from dronekeypp.errors import InputError
@@ -91,6 +93,11 @@ def take_distortion(entries: Entries, keys: dict[str, str]) -> tuple[np.ndarray 
         if named is not None:
             raise InputError(f"{file}: {listed.path} and {named_keys}: keep one of them")
         values, where = numbers(listed.value, f"{file}: {listed.path}").ravel(), listed.path
+        if not lens_entries and values.any() and _is_column_of_four(listed.value):
+            raise InputError(
+                f"{file}: {where}: four coefficients in a column, as cv2.fisheye writes them; name the lens: "
+                '"model": "fisheye", or "plumb_bob" for k1, k2, p1, p2'
+            )
         if len(values):
             check_coefficients(values, fisheye, f"{file}: {where}")
         else:
@@ -103,6 +110,14 @@ def take_distortion(entries: Entries, keys: dict[str, str]) -> tuple[np.ndarray 
         raise InputError(f"{file}: {where} are not 0, but {keys['lens']} says that there is no distortion")
     keys["distortion"] = where
     return values, fisheye
+
+
+def _is_column_of_four(value: Any) -> bool:
+    """Tell whether a list has four rows of one number.
+
+    cv2.fisheye.calibrate returns its coefficients so, and cv2.calibrateCamera one row of five.
+    """
+    return isinstance(value, list) and np.shape(value) == (4, 1)
 
 
 def matrix_from(entries: Entries, names: tuple[str, str, str, str], keys: dict[str, str]) -> np.ndarray:

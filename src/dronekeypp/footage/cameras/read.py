@@ -49,11 +49,14 @@ def _read_document(tree: Any, path: Path) -> Reading:
         return bop.read_scene(tree, path)
     tree = bop.as_object(tree, path)
     entries = Entries(tree, path)
+    of_ros = not kalibr.recognise(tree) and not nerf.recognise(entries) and ros.recognise(entries)
+    if not of_ros:
+        entries.refuse_parts()
     if kalibr.recognise(tree):
         reading = kalibr.read(tree, entries)
     elif nerf.recognise(entries):
         reading = nerf.read(entries)
-    elif ros.recognise(entries):
+    elif of_ros:
         reading = ros.read(entries)
     elif bop.recognise_camera(tree) and not entries.has(*opencv.MATRIX):
         reading = bop.read_camera_file(tree, entries)

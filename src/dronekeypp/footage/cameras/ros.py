@@ -15,7 +15,7 @@ from dronekeypp.footage.cameras.keys import Entries
 from dronekeypp.footage.cameras.readings import Reading, number
 
 # What other programs do not write.
-SIGNS = ("rectificationmatrix", "projectionmatrix", "p", "binningx", "binningy", "roi", "dorectify")
+SIGNS = ("rectificationmatrix", "projectionmatrix", "p", "binningx", "binningy", "dorectify")
 WANTED = (
     ("distortion_model", ("distortionmodel",)),
     ("D or distortion_coefficients", ("d", "distortioncoefficients")),
@@ -46,8 +46,10 @@ def read(entries: Entries) -> Reading:
     for region in (entry for entry in entries.entries if entry.name == "roi"):
         parts = [part for part in entries.below(region.path) if part.name != "dorectify"]
         entries.mark(parts)
+        whole = {e.name: e.value for e in entries.entries if e.path in ("width", "height")}
         for part in parts:
-            if number(part.value, f"{file}: {part.path}") != 0:
+            # Nothing or the whole picture: drivers write either where none is cut off.
+            if number(part.value, f"{file}: {part.path}") not in (0, whole.get(part.name, 0)):
                 raise InputError(
                     f"{file}: {part.path} is {part.value}: the camera sent a part of the picture; "
                     "give the camera of that part"
