@@ -94,6 +94,11 @@ def test_what_cannot_be_exported_or_read(tmp_path):
     entry = next(entry for entry in file.metadata_props if entry.key == DESCRIPTION)
     description = json.loads(entry.value)
     entry.value = json.dumps({**description, "settings": tiny(image_size=128)})
+    onnx.save(file, tmp_path / "edited.onnx")
+    with pytest.raises(InputError, match="edited.onnx: was changed after it was written"):
+        OnnxNetwork(tmp_path / "edited.onnx")
+    del description["checksum"]
+    entry.value = json.dumps({**description, "settings": tiny(image_size=128)})
     onnx.save(file, tmp_path / "other.onnx")
     with pytest.raises(InputError, match="its settings are not those of its graph"):
         OnnxNetwork(tmp_path / "other.onnx")
