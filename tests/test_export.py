@@ -108,7 +108,7 @@ def test_what_cannot_be_exported_or_read(tmp_path):
         OnnxNetwork(tmp_path / "setting.onnx")
     entry.value = "{"
     onnx.save(file, tmp_path / "json.onnx")
-    with pytest.raises(InputError, match="json.onnx: its settings are not valid JSON"):
+    with pytest.raises(InputError, match="json.onnx: its settings: not valid JSON"):
         OnnxNetwork(tmp_path / "json.onnx")
     (tmp_path / "broken.onnx").write_bytes(b"nothing")
     with pytest.raises(InputError, match="not a readable ONNX file"):
