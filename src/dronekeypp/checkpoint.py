@@ -26,7 +26,6 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file
 from safetensors.torch import save as to_bytes
 from torch import Tensor, nn
-from torch.overrides import TorchFunctionMode
 
 from dronekeypp.classes import FIRST_EDITION, DroneClass, names_of, unnamed
 from dronekeypp.errors import InputError
@@ -177,22 +176,9 @@ def read_config(folder: str | Path, kind: type | None = None) -> tuple[str, Sett
 
 def count_numbers(network: type[nn.Module], config: Settings) -> int:
     """Return how many numbers the weights and buffers of a network are, without asking for their memory."""
-    with torch.device("meta"), _Unfilled():
+    with torch.device("meta"):
         model = network(config, load_backbone=False)
     return sum(tensor.numel() for tensor in (*model.parameters(), *model.buffers()))
-
-
-class _Unfilled(TorchFunctionMode):
-    """Leave out what changes tensors in place.
-
-    On the device "meta" there is nothing to change. But torch imports its compiler for draws and arithmetic
-    there, which takes a second. So the few constants that networks compute lie on the CPU.
-    """
-
-    def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
-        name = func.__name__
-        in_place = name.endswith("_") and not name.endswith("__")  # such as Tensor.normal_
-        return args[0] if in_place and args else func(*args, **(kwargs or {}))
 
 
 def parse(

@@ -20,10 +20,9 @@ def sine_positions(side: int, width: int) -> Tensor:
     (Vaswani et al. 2017 in two dimensions). The paper only says "positional encoding".
     """
     quarter = width // 4
-    # On the CPU, whatever the default device is: see `checkpoint.count_numbers`.
     # (d/4,); grids are small, so 100 and not 10,000.
-    frequency = 1.0 / (100.0 ** (torch.arange(quarter, device="cpu") / quarter))
-    angle = torch.arange(side, device="cpu")[:, None] * frequency  # (side, d/4)
+    frequency = 1.0 / (100.0 ** (torch.arange(quarter) / quarter))
+    angle = torch.arange(side)[:, None] * frequency  # (side, d/4)
     wave = torch.cat([angle.sin(), angle.cos()], dim=1)  # (side, d/2)
     rows = wave[:, None, :].expand(side, side, -1)
     columns = wave[None, :, :].expand(side, side, -1)
@@ -33,9 +32,9 @@ def sine_positions(side: int, width: int) -> Tensor:
 def cell_centres(side: int) -> Tensor:
     """Return the middle (x, y) of every cell of a side x side grid in crop units.
 
-    They are (side*side, 2), row by row. They lie on the CPU, as `sine_positions` do.
+    They are (side*side, 2), row by row.
     """
-    middle = (torch.arange(side, device="cpu") + 0.5) / side
+    middle = (torch.arange(side) + 0.5) / side
     return torch.stack([middle.repeat(side), middle.repeat_interleave(side)], dim=1)
 
 

@@ -98,8 +98,7 @@ class ClassShapes(nn.Module):
 
     def __init__(self, classes: int) -> None:
         super().__init__()
-        # On the CPU, whatever the default device is: see `checkpoint.count_numbers`.
-        self.hubs = nn.Parameter(0.1 * torch.randn(classes, 4, 3, device="cpu"))
+        self.hubs = nn.Parameter(0.1 * torch.randn(classes, 4, 3))
 
     @torch.no_grad()
     def fit(self, label: Tensor, R: Tensor, keypoints_3d: Tensor) -> None:
