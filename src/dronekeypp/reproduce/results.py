@@ -70,7 +70,7 @@ class Recorded(Open):
     """This is what every result holds. The rest is known to its table, and its checksum keeps it."""
 
     name: Name
-    command: str = ""
+    command: str | None = None  # None: not made by a command
     preset: str = ""
     budget: Words = {}
     dataset: DataSet | None = None
