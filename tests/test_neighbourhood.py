@@ -52,6 +52,8 @@ def everything(folder, besides):
     """What lies in a folder: of each file its content and its time, of each link where it leads."""
     found = {}
     for path in sorted(folder.rglob("*")):
+        if path.name.startswith("torchinductor_"):  # torch makes it for itself, at its first import
+            continue
         if path == besides or besides in path.parents:
             continue
         if path.is_symlink():
