@@ -50,7 +50,9 @@ def test_numbers_are_counted_as_they_are(network):
     config = network.Config.from_dict(usable(network.Config, tiny(), {}))
     whole = network(config, load_backbone=False)
     numbers = sum(tensor.numel() for tensor in (*whole.parameters(), *whole.buffers()))
+    drawn = torch.get_rng_state()
     assert checkpoint.count_numbers(network, config) == numbers
+    assert torch.equal(torch.get_rng_state(), drawn)  # counting changes no training
 
 
 def test_a_network_is_loaded_without_what_it_does_not_need():
@@ -61,7 +63,7 @@ import dronekeypp.predict
 from dronekeypp import checkpoint
 for name in ("checkpoint", "beyond"):
     checkpoint.load({str(SAMPLES)!r} + "/" + name)
-print([name for name in ("torchvision", "scipy.stats") if name in sys.modules])
+print([name for name in ("torch._dynamo", "sympy", "torchvision", "scipy.stats") if name in sys.modules])
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert (done.stdout, done.stderr) == ("[]\n", "")

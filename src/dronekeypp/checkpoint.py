@@ -26,6 +26,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file
 from safetensors.torch import save as to_bytes
 from torch import Tensor, nn
+from torch.overrides import TorchFunctionMode
 
 from dronekeypp.classes import FIRST_EDITION, DroneClass, names_of, unnamed
 from dronekeypp.errors import InputError
@@ -176,9 +177,27 @@ def read_config(folder: str | Path, kind: type | None = None) -> tuple[str, Sett
 
 def count_numbers(network: type[nn.Module], config: Settings) -> int:
     """Return how many numbers the weights and buffers of a network are, without asking for their memory."""
-    with torch.device("meta"):
+    with torch.random.fork_rng(devices=()), _WithoutMemory():
         model = network(config, load_backbone=False)
     return sum(tensor.numel() for tensor in (*model.parameters(), *model.buffers()))
+
+
+class _WithoutMemory(TorchFunctionMode):
+    """Put the weights of layers on the device "meta", where nothing is stored, and do not fill them.
+
+    Layers make their weights with `torch.empty`. The constants that networks compute stay on the CPU, because
+    for arithmetic and draws on "meta" torch imports its compiler, which takes a second.
+    """
+
+    def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        kwargs = kwargs or {}
+        if func is torch.empty:
+            return func(*args, **{**kwargs, "device": "meta"})
+        name = func.__name__
+        in_place = name == "__setitem__" or (name.endswith("_") and not name.endswith("__"))  # `fill_`
+        if in_place and args and torch.is_tensor(args[0]) and args[0].is_meta:
+            return args[0]
+        return func(*args, **kwargs)
 
 
 def parse(
