@@ -106,17 +106,19 @@ def is_exported(path: str | Path) -> bool:
     return Path(path).suffix.lower() == ".onnx"
 
 
-def load(path: str | Path) -> Network:
+def load(path: str | Path, threads: int = 0) -> Network:
     """Load any checkpoint in evaluation mode.
 
-    `path` is a folder that `save` wrote, a run folder (its best/ is taken), or a file of `export`.
+    Args:
+        path: a folder that `save` wrote, a run folder (its best/ is taken), or a file of `export`.
+        threads: of ONNX Runtime, for a file of `export`; 0 means as many as there are cores.
 
     Raises:
         InputError: the checkpoint is missing, broken, or of an unknown method. The message names the file.
     """
     path = find(path)
     if is_exported(path):
-        return _imported(EXPORTED)(path)
+        return _imported(EXPORTED)(path, threads)
     method, _, _ = read_config(path)
     return network_class(method).from_pretrained(path)
 

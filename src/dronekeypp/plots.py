@@ -13,11 +13,8 @@ from matplotlib.patches import Rectangle
 from torch import Tensor
 
 from dronekeypp.camera import project, to_crop
+from dronekeypp.colours import AXIS_COLOURS, KEYPOINT_COLOURS
 
-# Okabe–Ito colours, which colour-blind readers can tell apart.
-# One for each keypoint: front-left, front-right, rear-right, rear-left.
-KEYPOINT_COLOURS = ("#D55E00", "#E69F00", "#0072B2", "#56B4E9")
-AXIS_COLOURS = ("#D55E00", "#009E73", "#0072B2")  # body x (forward), y (left), z (up)
 KEYPOINT_LABELS = ("front-left", "front-right", "rear-right", "rear-left")
 
 

@@ -1,13 +1,16 @@
-"""Work ahead: make the next items of an iterator in a thread, while the last one is used."""
+"""Work in threads: make the next items of an iterator while the last one is used, or several at once."""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
+import torch
+
 T = TypeVar("T")
+Result = TypeVar("Result")
 END = object()  # what comes after the last item
 
 
@@ -30,3 +33,32 @@ def ahead(items: Iterator[T], count: int) -> Iterator[T]:
                 yield item
         finally:
             thread.shutdown(cancel_futures=True)
+
+
+def side_by_side(function: Callable[[T], Result], items: Iterable[T], count: int) -> Iterator[Result]:
+    """Yield `function` of every item, in their order, while threads compute it of those that follow.
+
+    In each of these threads torch computes on one core. A small network on two pictures at once is faster
+    than on one after the other with both cores, which wait for each other after every layer.
+
+    What the function raises is raised here, in the place of the item. When this generator is closed, the
+    threads end after the items that they are computing.
+
+    Args:
+        function: it is called in the threads.
+        items: only the thread that asks this generator asks for them.
+        count: how many threads there are. One item more than that is asked for ahead.
+    """
+    before = torch.get_num_threads()
+    with ThreadPoolExecutor(count, "side_by_side", torch.set_num_threads, (1,)) as threads:
+        waiting = deque()
+        try:
+            for item in items:
+                waiting.append(threads.submit(function, item))
+                if len(waiting) > count:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            threads.shutdown(cancel_futures=True)
+            torch.set_num_threads(before)  # what a thread chose holds for threads that begin later

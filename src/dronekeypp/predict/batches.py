@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -23,7 +24,7 @@ from dronekeypp.camera import (
 )
 from dronekeypp.errors import InputError
 from dronekeypp.footage import Calibration, Tracker
-from dronekeypp.predict.ahead import ahead
+from dronekeypp.predict.ahead import ahead, side_by_side
 from dronekeypp.predict.journal import BOX, GOOD, KEYPOINTS, ROTATION, SIGMAS, TRANSLATION, Row
 
 BATCH = 16
@@ -49,7 +50,7 @@ def load_network(path: str | Path) -> checkpoint.Network:
     Raises:
         InputError: It cannot be read, or its network needs the truth or does not name the drone.
     """
-    network = checkpoint.load(path)
+    network = checkpoint.load(path, threads=1)  # for a batch: `predicted` asks about several at once
     if isinstance(network, nn.Module):
         network.to("cuda" if torch.cuda.is_available() else "cpu")
     if network.truth_inputs or not _answers_all(network):
@@ -94,7 +95,7 @@ def predicted(
 ) -> Iterator[list[Row]]:
     """Yield rows of the journal without the frames' names, a list a batch, in the order of the frames.
 
-    While the network looks at a batch, a thread reads the next one.
+    While the network looks at a batch on each core, a thread reads the next one.
 
     Args:
         network: it is asked.
@@ -105,9 +106,16 @@ def predicted(
         tracker: it finds the boxes where none are given.
     """
     side = network.config.image_size
-    for rows, crops in ahead(_read_batches(side, calibrations, size, frames, given, tracker), READ_AHEAD):
+    at_once = torch.get_num_threads() if _device(network).type == "cpu" else 1
+
+    def answered(batch: tuple[list[Row], list[Crop]]) -> list[Row]:
+        rows, crops = batch
         fill(network, crops)
-        yield rows
+        return rows
+
+    reading = ahead(_read_batches(side, calibrations, size, frames, given, tracker), READ_AHEAD)
+    with contextlib.closing(reading) as batches:
+        yield from side_by_side(answered, batches, at_once)
 
 
 def _read_batches(

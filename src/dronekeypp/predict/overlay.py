@@ -8,12 +8,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import cv2
-import matplotlib.pyplot as plt
 import numpy as np
 
-from dronekeypp import plots
 from dronekeypp.camera import project
 from dronekeypp.classes import DroneClass
+from dronekeypp.colours import AXIS_COLOURS, KEYPOINT_COLOURS
 from dronekeypp.errors import InputError
 from dronekeypp.files import write_beside, writing_beside
 from dronekeypp.footage import DEFAULT_RATE, Calibration, Footage, open_video, writable_rate
@@ -36,7 +35,7 @@ def draw_overlay(image: np.ndarray, pose: Pose, calibration: Calibration, drone:
     x, y, w, h = calibration.undistort_box(pose.box)
     cv2.rectangle(image, _pixel((x, y)), _pixel((x + w, y + h)), WHITE, thickness)
     _draw_axes(image, pose, calibration, drone, 2 * thickness)
-    for point, colour in zip(pose.keypoints, plots.KEYPOINT_COLOURS, strict=True):
+    for point, colour in zip(pose.keypoints, KEYPOINT_COLOURS, strict=True):
         cv2.circle(image, _pixel(point), 3 * thickness, _rgb(colour), -1, cv2.LINE_AA)
     sigma = pose.shift_sigma_m
     unsure = "" if math.isnan(sigma) else f" +- {sigma:.2f}"  # OpenCV's letters have no better sign
@@ -54,7 +53,7 @@ def _draw_axes(
     if points[:, 2].min() <= 0.05:  # metres
         return
     pixels = project(points, calibration.K)  # (4, 2)
-    for tip, colour in zip(pixels[1:], plots.AXIS_COLOURS, strict=True):
+    for tip, colour in zip(pixels[1:], AXIS_COLOURS, strict=True):
         start, end = _pixel(pixels[0]), _pixel(tip)
         cv2.arrowedLine(image, start, end, _rgb(colour), thickness, cv2.LINE_AA, tipLength=0.2)
 
@@ -172,13 +171,18 @@ def _write_video(path: Path, images: Iterator[np.ndarray], rate: float) -> int:
 def draw_trajectory(poses: Sequence[Pose]) -> bytes:
     """Draw the path in space, and the distance over the frames, as PNG.
 
-    The axes are as people see them: x right, depth away, up.
+    The axes are as people see them: x right, depth away, up. Any thread may call it.
     """
+    # They take a third of a second, while `predict` draws the overlay.
+    from matplotlib.figure import Figure  # not pyplot, whose windows belong to the main thread
+
+    from dronekeypp import plots
+
     plots.style()
     t = np.stack([pose.t for pose in poses])  # (F, 3)
     frames = [pose.frame for pose in poses]
     distances = np.linalg.norm(t, axis=1)
-    figure = plt.figure(figsize=(10, 4))
+    figure = Figure(figsize=(10, 4))
     path = figure.add_subplot(1, 2, 1, projection="3d")
     path.plot(t[:, 0], t[:, 2], -t[:, 1], "o-", markersize=2, linewidth=1)
     path.plot(t[:1, 0], t[:1, 2], -t[:1, 1], "o", color="#009E73", label="first frame")
@@ -189,5 +193,4 @@ def draw_trajectory(poses: Sequence[Pose]) -> bytes:
     over_time.set(xlabel="frame", ylabel="distance, m", ylim=(0, math.ceil(1.1 * distances.max())))
     content = io.BytesIO()
     figure.savefig(content, format="png", dpi=100)
-    plt.close(figure)
     return content.getvalue()

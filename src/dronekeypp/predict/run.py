@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -39,7 +40,6 @@ from dronekeypp.predict.journal import (
 )
 from dronekeypp.predict.overlay import draw_trajectory, write_overlay
 from dronekeypp.predict.summary import box_report, check_json_file, closing_line, summary
-from dronekeypp.sequences import gaussian
 from dronekeypp.sixdronesyn import bop
 from dronekeypp.sixdronesyn.results import object_numbers
 
@@ -143,10 +143,12 @@ def predict(
         if smooth > 0:
             poses = smoothed(poses, smooth, source.frame_times())
         write_beside(out / POSES, bop_results(poses, numbers, scene).encode())
-        write_beside(out / TRAJECTORY, draw_trajectory(poses))
-        if overlay:
-            pose_of = {pose.frame: pose for pose in poses}
-            write_overlay(out, source, calibrations, pose_of, network.drones)
+        with ThreadPoolExecutor(1) as thread:
+            trajectory = thread.submit(lambda: write_beside(out / TRAJECTORY, draw_trajectory(poses)))
+            if overlay:
+                pose_of = {pose.frame: pose for pose in poses}
+                write_overlay(out, source, calibrations, pose_of, network.drones)
+        trajectory.result()  # raises what the thread raised
     report = box_report(rows, given, source.names[0])
     if json_file:
         write_json(Path(json_file), summary(rows, report), indent=1)
@@ -225,6 +227,8 @@ def smoothed(poses: Sequence[Pose], sigma: float, frame_times: np.ndarray) -> li
         sigma: the sigma of the Gaussian, seconds.
         frame_times: (F,) when each frame of the footage was taken, seconds.
     """
+    from dronekeypp.sequences import gaussian  # scipy takes a fifth of a second, and few runs smooth
+
     claims = np.array([(pose.turn_sigma_deg, pose.shift_sigma_m) for pose in poses])  # (F, 2)
     if np.isfinite(claims).all():
         weights = 1 / np.square(claims)
