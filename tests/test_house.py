@@ -14,7 +14,7 @@ COLUMNS = 110
 
 # From the ground up. A room may import the rooms below its floor; two of one floor do not know each other.
 FLOORS = (
-    ("errors", "checked", "processes", "output", "files", "schema", "settings", "classes"),
+    ("errors", "checked", "processes", "output", "files", "schema", "settings", "classes", "colours"),
     ("camera", "rotations", "pnp", "augment"),
     ("environments",),
     ("sixdronesyn",),

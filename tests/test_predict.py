@@ -7,6 +7,8 @@ import itertools
 import json
 import shutil
 import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -51,7 +53,7 @@ from dronekeypp.predict import (
     read_journal,
     run,
 )
-from dronekeypp.predict.ahead import ahead
+from dronekeypp.predict.ahead import ahead, side_by_side
 from dronekeypp.rotations import geodesic_degrees
 from dronekeypp.sequences import gaussian
 from dronekeypp.settings import usable
@@ -291,18 +293,59 @@ def test_what_fails_ahead_is_raised_in_its_place_and_no_thread_is_left():
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("ahead")]
 
 
+def test_what_is_computed_side_by_side_comes_in_order_and_not_too_early():
+    taken, threads = [], set()
+    both = threading.Barrier(2, timeout=10)
+
+    def items():
+        for number in range(6):
+            taken.append(number)
+            yield number
+
+    def square(number):
+        threads.add((threading.get_ident(), torch.get_num_threads()))
+        both.wait()  # two are computed at once
+        time.sleep(0.01 * (number % 2 == 0))  # the first of two ends last
+        return number**2
+
+    before = torch.get_num_threads()
+    seen = []
+    for result in side_by_side(square, items(), 2):
+        seen.append(result)
+        assert len(taken) <= len(seen) + 2
+    assert seen == [0, 1, 4, 9, 16, 25]
+    assert len(threads) == 2 and {number for _, number in threads} == {1}  # torch uses one core in each
+    assert torch.get_num_threads() == before
+    with ThreadPoolExecutor(1) as later:
+        assert later.submit(torch.get_num_threads).result() == before
+    assert list(side_by_side(square, [], 2)) == []
+
+
+def test_what_fails_side_by_side_is_raised_in_its_place_and_no_thread_is_left():
+    def inverse(number):
+        return 1 / (2 - number)
+
+    seen = []
+    with pytest.raises(ZeroDivisionError):
+        for result in side_by_side(inverse, itertools.count(), 2):
+            seen.append(result)
+    assert seen == [0.5, 1]
+    stopped = side_by_side(inverse, itertools.count(3), 2)
+    assert next(stopped) == -1
+    stopped.close()  # as Ctrl-C does it
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("side_by_side")]
+
+
 def test_a_killed_run_goes_on(footage, small, names, tmp_path, monkeypatch):
     images, camera, boxes, _ = footage
     monkeypatch.setattr(batches, "BATCH", 2)
     whole = predict(small, images, camera, tmp_path / "whole", boxes=boxes, overlay=False, progress=False)
-    calls = []
     real = batches.fill
 
-    def dies(*arguments):
-        calls.append(1)
-        if len(calls) == 3:
+    def dies(network, crops):
+        if crops[0].row["frame"] == "4":  # in the third batch
             raise KeyboardInterrupt
-        return real(*arguments)
+        real(network, crops)
 
     monkeypatch.setattr(batches, "fill", dies)
     with pytest.raises(KeyboardInterrupt):
