@@ -29,6 +29,7 @@ from dronekeypp.predict.journal import BOX, GOOD, KEYPOINTS, ROTATION, SIGMAS, T
 
 BATCH = 16
 READ_AHEAD = 1  # batches
+AT_ONCE = 4  # batches, at most: each takes memory, and one thread reads for all of them
 LARGE_BLOCK = 31 * 2**20  # bytes, see `_keep_memory`
 ANSWERS = ("keypoints", "keypoints_px", "class_probs", "R", "t")  # what a network must answer
 
@@ -51,7 +52,8 @@ def load_network(path: str | Path) -> checkpoint.Network:
     Raises:
         InputError: It cannot be read, or its network needs the truth or does not name the drone.
     """
-    network = checkpoint.load(path, threads=1)  # for a batch: `predicted` asks about several at once
+    # Of ONNX Runtime for a batch. `predicted` asks about several at once.
+    network = checkpoint.load(path, threads=max(1, torch.get_num_threads() // AT_ONCE))
     if isinstance(network, nn.Module):
         network.to("cuda" if torch.cuda.is_available() else "cpu")
     if network.truth_inputs or not _answers_all(network):
@@ -96,7 +98,7 @@ def predicted(
 ) -> Iterator[list[Row]]:
     """Yield rows of the journal without the frames' names, a list a batch, in the order of the frames.
 
-    While the network looks at a batch on each core, a thread reads the next one.
+    While the network looks at several batches on the cores, a thread reads the next one.
 
     Args:
         network: it is asked.
@@ -107,7 +109,7 @@ def predicted(
         tracker: it finds the boxes where none are given.
     """
     side = network.config.image_size
-    at_once = torch.get_num_threads() if _device(network).type == "cpu" else 1
+    at_once = min(torch.get_num_threads(), AT_ONCE) if _device(network).type == "cpu" else 1
 
     def answered(batch: tuple[list[Row], list[Crop]]) -> list[Row]:
         rows, crops = batch

@@ -49,7 +49,7 @@ class Pose:
         keypoints: (4, 2) pixels.
         R: (3, 3) camera←body.
         t: (3,) metres, camera axes.
-        seconds: the network's time for this frame, on one core.
+        seconds: the network's time for this frame, beside other frames.
         turn_sigma_deg, shift_sigma_m: the deviations that a network with pose="geometric" claims for R and t
             (root of the trace), in degrees and metres; NaN for any other network.
     """
