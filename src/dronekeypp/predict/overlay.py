@@ -173,7 +173,7 @@ def draw_trajectory(poses: Sequence[Pose]) -> bytes:
 
     The axes are as people see them: x right, depth away, up. Any thread may call it.
     """
-    # They take a third of a second, while `predict` draws the overlay.
+    # Imported here: this takes a third of a second, in which `predict` already draws the overlay.
     from matplotlib.figure import Figure  # not pyplot, whose windows belong to the main thread
 
     from dronekeypp import plots
